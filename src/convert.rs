@@ -38,9 +38,15 @@ pub struct Changes {
 /// Reason why an input cannot be converted.
 #[derive(Debug, thiserror::Error)]
 pub enum ConvertError {
-    /// An error of a file's driver.
+    /// An error of a device that replays the input.
     #[error(transparent)]
-    File(#[from] sonoweave_core::Error),
+    Device(#[from] sonoweave_core::Error),
+    /// An error of opening the input.
+    #[error(transparent)]
+    Open(#[from] drivers::Error),
+    /// An error of a file.
+    #[error("{0}")]
+    File(#[from] formats::Error),
     /// An error of an image file.
     #[error(transparent)]
     Picture(#[from] export::picture::PictureError),

@@ -22,8 +22,8 @@ use drivers::transport::Peer;
 use formats::session::LineProtocol;
 use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
 use phantom::{self, Scan, TrackerNoise};
+use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
-use sonoweave_core::{Device, Error};
 use sync::ingest::stored;
 
 use homed::Homed;
@@ -49,7 +49,7 @@ pub struct Devices {
 pub enum OpenError {
     /// Settings that no such device has.
     #[error(transparent)]
-    Device(#[from] Error),
+    Device(#[from] drivers::Error),
     /// There is no line for a simulated device.
     #[error("no pseudo-terminal for a virtual device: {0}; is /dev/pts mounted?")]
     Line(#[source] std::io::Error),

@@ -281,11 +281,11 @@ impl<P: Protocol> Connection<P> {
 
     /// Handles a running device that sent nothing valid for `patience`, ns.
     fn fallen_silent(&mut self, patience: i64) -> After {
-        let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
+        let why = format!("{}: is open and has sent nothing for {} ms", self.opener.name(), patience / MS);
         self.health.enter(State::Silent, &why, self.clock.now_ns());
         if self.protocol.begins_by_opening() {
             return After::Gone(LineError::Failed(format!(
-                "has said nothing for {} ms; it is connected to anew",
+                "has sent nothing for {} ms; it is reconnected",
                 patience / MS
             )));
         }
@@ -334,7 +334,7 @@ pub(crate) fn number<'a>(readings: impl Iterator<Item = &'a mut Reading>, next: 
 impl<P: Protocol> Device for Connection<P> {
     fn start(&mut self) -> Result<(), Error> {
         if !matches!(self.stage, Stage::Stopped) {
-            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.opener.name())));
+            return Err(Error::Running(self.opener.name().to_owned()));
         }
         let now_ns = self.clock.now_ns();
         self.stage = Stage::Absent { retry_ns: now_ns };
@@ -368,9 +368,7 @@ impl<P: Protocol> Device for Connection<P> {
             }
             looked = true;
             let after = match &mut self.stage {
-                Stage::Stopped => {
-                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.opener.name())));
-                }
+                Stage::Stopped => return Err(Error::Stopped(self.opener.name().to_owned())),
                 Stage::Absent { retry_ns } if now_ns < *retry_ns => {
                     self.clock.wait_until((*retry_ns).min(deadline_ns));
                     continue;
@@ -393,7 +391,7 @@ impl<P: Protocol> Device for Connection<P> {
         if self.protocol.home_axes(axes) {
             return Ok(());
         }
-        Err(Error::Misuse(format!("{}: has no axes to home", self.opener.name())))
+        Err(Error::NoAxes(self.opener.name().to_owned()))
     }
 
     fn describe(&self) -> &Description {

@@ -19,9 +19,12 @@
 //! - [`replay`]: recorded sequences and sessions as devices.
 //! - [`openigtlink`]: readings sent by other programs over a network.
 //! - [`grabber`]: frame grabbers over V4L2, and the decoding of their video.
+//!
+//! Opening fails with an [`Error`]; an open device has [`sonoweave_core::Error`], as any device.
 
 pub mod arm;
 pub mod connection;
+mod error;
 pub mod framing;
 pub mod grabber;
 mod numerals;
@@ -33,7 +36,9 @@ pub mod transport;
 
 use std::path::PathBuf;
 
-use sonoweave_core::{Device, Error};
+use sonoweave_core::Device;
+
+pub use error::Error;
 
 /// All drivers of this build.
 pub static DRIVERS: &[&dyn Driver] = &[
@@ -48,7 +53,7 @@ pub static DRIVERS: &[&dyn Driver] = &[
 /// Opens the device named by `settings` with the matching driver.
 ///
 /// # Errors
-/// Returns the driver's error.
+/// The driver's.
 pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
     match settings {
         OpenSettings::Arm(_) => arm::ArmDriver.open(settings),

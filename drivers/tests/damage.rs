@@ -13,9 +13,9 @@ use flate2::write::ZlibEncoder;
 use proptest::prelude::*;
 
 use drivers::replay::{Replay, SequenceSettings};
-use formats::Limits;
 use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use formats::image::{VolumeHeader, VolumeReader};
+use formats::{Error as FileError, Limits, Unwritable};
 use sonoweave_core::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
 use sonoweave_core::{Device, Error, Next};
 
@@ -59,7 +59,7 @@ fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
     let mut frames = Vec::new();
     let mut device = match Replay::open(&SequenceSettings { limits, ..SequenceSettings::new(path) }) {
         Ok(device) => device,
-        Err(error) => return (frames, Err(error)),
+        Err(error) => return (frames, Err(error.into())),
     };
     if let Err(error) = device.start() {
         return (frames, Err(error));
@@ -72,7 +72,7 @@ fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
             Ok(Next::End) => return (frames, Ok(())),
             Err(error) => {
                 let after = device.next(sonoweave_core::NO_DEADLINE);
-                assert!(matches!(after, Err(Error::Misuse(_))), "no reading follows an error: {after:?}");
+                assert!(matches!(after, Err(Error::Failed(_))), "no reading follows an error: {after:?}");
                 return (frames, Err(error));
             }
         }
@@ -111,20 +111,20 @@ fn refusal_names_file_field_offset_and_remedy() {
         (EYE, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0", "Seq_Frame0000_ProbeToTrackerTransform", "holds 15 numbers"),
         (EYE, "1 0 0 0 0 one 0 0 0 0 1 0 0 0 0 1", "Seq_Frame0000_ProbeToTrackerTransform", "\"one\", number 6 of 16"),
         ("= 1.5", "= nan", "Seq_Frame0000_Timestamp", "finite"),
-        ("= 1.5", "= noon", "Seq_Frame0000_Timestamp", "not a number"),
+        ("= 1.5", "= noon", "Seq_Frame0000_Timestamp", "number of seconds"),
         ("DimSize = 4 2 3", "DimSize = 4 2 0", "DimSize", "no frames"),
         ("DimSize = 4 2 3", "DimSize = 4 2 -3", "DimSize", "negative"),
-        ("DimSize = 4 2 3", "DimSize = 4 2 2", "DimSize", "data after the last frame"),
+        ("DimSize = 4 2 3", "DimSize = 4 2 2", "DimSize", "data follow the last frame"),
         ("DimSize = 4 2 3", "DimSize = 4 2 4", "DimSize", "cut short"),
-        ("NDims = 3", "NDims = 4", "NDims", "sequence of volumes"),
+        ("NDims = 3", "NDims = 4", "NDims", "sequences of volumes"),
         ("domain domain list", "list domain domain", "Kinds", "must be the last"),
-        ("UltrasoundImageOrientation = MFA", "NDims = 3", "NDims", "repetition"),
-        ("ElementDataFile = LOCAL", "ElementDataFile = a.raw", "ElementDataFile", "which is not there"),
+        ("UltrasoundImageOrientation = MFA", "NDims = 3", "NDims", "repeats the field"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = a.raw", "ElementDataFile", "which does not exist"),
         ("ElementDataFile = LOCAL", "ElementDataFile = ../a.raw", "ElementDataFile", "must lie beside the header"),
         ("ElementDataFile = LOCAL", "ElementDataFile = /etc/passwd", "ElementDataFile", "must lie beside the header"),
         ("ElementDataFile = LOCAL", "ElementDataFile = LIST", "ElementDataFile", "several files"),
         ("ElementDataFile = LOCAL", "ElementDataFile = a%03d.raw 1 3 1", "ElementDataFile", "several files"),
-        ("Seq_Frame0001_Tim", "Seq_Frame0000_Tim", "Seq_Frame0000_Timestamp", "repetition"),
+        ("Seq_Frame0001_Tim", "Seq_Frame0000_Tim", "Seq_Frame0000_Timestamp", "repeats the field"),
     ];
     for (from, to, field, says) in cases {
         let text = sentence(&replaced(false, from, to), SMALL);
@@ -177,7 +177,7 @@ fn decompression_bomb_is_not_inflated() {
         );
         let error = outcome.unwrap_err();
         assert!(error.to_string().contains("more pixels follow the last frame"), "{error}");
-        let Error::Data { frame: 2, offset, .. } = error else { panic!("{error}") };
+        let Some(FileError::Data { frame: 2, offset, .. }) = error.cause() else { panic!("{error}") };
         let consumed = offset - text.len() as u64;
         assert!(consumed < 1 << 16, "{consumed} bytes of the bomb were inflated");
     });
@@ -238,7 +238,15 @@ proptest! {
     }
 }
 
-fn one_frame(path: &Path) -> (SequenceHeader, Result<SequenceWriter, Error>) {
+/// Returns the reason why a file cannot be written.
+fn unwritable(written: Result<(), FileError>) -> Unwritable {
+    match written {
+        Err(FileError::Unwritable { source, .. }) => source,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn one_frame(path: &Path) -> (SequenceHeader, Result<SequenceWriter, FileError>) {
     let header = SequenceHeader {
         size: [4, 2],
         pixel: PixelType::U8,
@@ -273,16 +281,16 @@ fn unfinished_file_leaves_target_unchanged() {
     drop(dropped);
     assert!(unchanged());
 
-    let error = one_frame(&path).1.unwrap().finish().unwrap_err();
-    assert!(error.to_string().contains("0 of 8 bytes of pixels were written"), "{error}");
+    let error = one_frame(&path).1.unwrap().finish();
+    assert!(matches!(unwritable(error), Unwritable::Unfinished { written: 0, expected: 8 }));
     assert!(unchanged());
 
     let mut long = one_frame(&path).1.unwrap();
-    assert!(long.write_frame(&[0; 7]).unwrap_err().to_string().contains("a frame of 7 bytes was given"));
+    assert!(matches!(unwritable(long.write_frame(&[0; 7])), Unwritable::FrameSize { given: 7, expected: 8 }));
     long.write_frame(&[0; 8]).unwrap();
     let error = long.write_frame(&[0; 8]).unwrap_err();
     assert!(
-        matches!(&error, Error::Io { source, .. } if source.to_string().contains("more than the 8 bytes")),
+        matches!(&error, FileError::Io { source, .. } if source.to_string().contains("than the 8 bytes")),
         "{error}"
     );
     drop(long);
@@ -295,7 +303,7 @@ fn unfinished_file_leaves_target_unchanged() {
     assert!(unchanged());
 
     let none = folder.path().join("none").join("s.mha");
-    assert!(matches!(one_frame(&none).1, Err(Error::Io { .. })));
+    assert!(matches!(one_frame(&none).1, Err(FileError::Io { .. })));
 }
 
 #[cfg(unix)]
@@ -317,14 +325,14 @@ fn written_file_has_default_permissions() {
 fn header_without_roundtrip_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
-    let refused = |change: &dyn Fn(&mut SequenceHeader), says: &str| {
+    let refused = |change: &dyn Fn(&mut SequenceHeader)| {
         let mut header = one_frame(&path).0;
         change(&mut header);
-        match SequenceWriter::create(&path, &header) {
-            Err(Error::Misuse(text)) => assert!(text.contains(says), "{text}"),
-            Err(other) => panic!("{other}"),
-            Ok(_) => panic!("written, though {says}"),
-        }
+        unwritable(SequenceWriter::create(&path, &header).map(drop))
+    };
+    let unreadable = |change: &dyn Fn(&mut SequenceHeader), says: &str| match refused(change) {
+        Unwritable::Header(problem) => assert!(problem.contains(says), "{problem}"),
+        other => panic!("{other}"),
     };
     let field = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let transform = |from: &str, to: &str, status| NamedTransform {
@@ -334,27 +342,33 @@ fn header_without_roundtrip_is_refused() {
         matrix: [0.0; 16],
         status,
     };
-    refused(&|h| h.items.clear(), "at least one item");
-    refused(&|h| h.size = [4, 0], "two axes that are not empty");
-    refused(&|h| h.channels = 5, "1 to 4");
-    refused(&|h| h.orientation = "M\nElementDataFile = x".into(), "must not hold line ends");
-    refused(&|h| h.fields.push(field("A", "x\ny")), "must not hold line ends");
-    refused(&|h| h.fields.push(field("A=B", "x")), "no name of a field");
-    refused(&|h| h.fields.push(field("", "x")), "no name of a field");
-    refused(&|h| h.fields.push(field("DimSize", "1 1 1")), "the writer sets itself");
-    refused(&|h| h.fields.push(field("UltrasoundImageOrientation", "UN")), "given twice");
-    refused(&|h| h.fields.extend([field("A", "1"), field("A", "2")]), "given twice");
-    refused(&|h| h.items[0].fields.push(field("ImageStatus", "OK")), "repetition");
-    refused(&|h| h.items[0].fields.extend([field("A", "1"), field("A", "2")]), "repetition");
-    refused(&|h| h.items[0].fields.push(field("Timestamp", "soon")), "field Seq_Frame0000_Timestamp: is \"soon\"");
-    refused(&|h| h.items[0].fields.push(field("Timestamp", "1")), "would not read back as given");
-    refused(&|h| h.items[0].fields.push(field("AToB", &["1"; 16].join(" "))), "would not read back as given");
-    refused(&|h| h.items[0].fields.push(field("Note", &"x".repeat(2 << 20))), "is longer than");
-    refused(&|h| h.items[0].stamp.source_s = Some(f64::NAN), "must be finite");
-    refused(&|h| h.items[0].status = Status::Other("ok".into()), "would read back as valid");
-    refused(&|h| h.items[0].transforms.push(transform("Probe", "tracker", Status::Ok)), "could not be told apart");
-    refused(&|h| h.items[0].transforms.push(transform("HeadToToe", "Tracker", Status::Ok)), "could not be told apart");
+    use Unwritable::{
+        Channels, EmptySequence, FieldName, FieldTwice, FieldValue, FrameNames, Meaning, Place, Status as Word, Time,
+    };
+    assert!(matches!(refused(&|h| h.items.clear()), EmptySequence));
+    assert!(matches!(refused(&|h| h.size = [4, 0]), EmptySequence));
+    assert!(matches!(refused(&|h| h.channels = 5), Channels(5)));
+    let lines = "M\nElementDataFile = x";
+    assert!(matches!(refused(&|h| h.orientation = lines.into()), FieldValue { value, .. } if value == lines));
+    assert!(matches!(refused(&|h| h.fields.push(field("A", "x\ny"))), FieldValue { name, .. } if name == "A"));
+    assert!(matches!(refused(&|h| h.fields.push(field("A=B", "x"))), FieldName { reserved: '=', .. }));
+    assert!(matches!(refused(&|h| h.fields.push(field("", "x"))), FieldName { .. }));
+    assert!(matches!(refused(&|h| h.fields.push(field("DimSize", "1 1 1"))), FieldTwice(_)));
+    assert!(matches!(refused(&|h| h.fields.push(field("UltrasoundImageOrientation", "UN"))), FieldTwice(_)));
+    assert!(matches!(refused(&|h| h.fields.extend([field("A", "1"), field("A", "2")])), FieldTwice(_)));
+    unreadable(&|h| h.items[0].fields.push(field("ImageStatus", "OK")), "repeats the field");
+    unreadable(&|h| h.items[0].fields.extend([field("A", "1"), field("A", "2")]), "repeats the field");
+    unreadable(&|h| h.items[0].fields.push(field("Timestamp", "soon")), "field Seq_Frame0000_Timestamp: is \"soon\"");
+    unreadable(&|h| h.items[0].fields.push(field("Note", &"x".repeat(2 << 20))), "is longer than");
+    assert!(matches!(refused(&|h| h.items[0].fields.push(field("Timestamp", "1"))), Meaning(0)));
+    assert!(matches!(refused(&|h| h.items[0].fields.push(field("AToB", &["1"; 16].join(" ")))), Meaning(0)));
+    assert!(matches!(refused(&|h| h.items[0].stamp.source_s = Some(f64::NAN)), Time { name: "Timestamp", .. }));
+    assert!(matches!(refused(&|h| h.items[0].status = Status::Other("ok".into())), Word(_)));
+    for (from, to) in [("Probe", "tracker"), ("HeadToToe", "Tracker")] {
+        let error = refused(&|h| h.items[0].transforms.push(transform(from, to, Status::Ok)));
+        assert!(matches!(error, FrameNames { .. }), "{error}");
+    }
     let bad = VolumeHeader { spacing: [1.0, 0.0, 1.0], ..VolumeHeader::new([1, 1, 1], PixelType::U8) };
-    assert!(matches!(VolumeWriter::create(&path, &bad), Err(Error::Misuse(text)) if text.contains("spacing")));
+    assert!(matches!(unwritable(VolumeWriter::create(&path, &bad).map(drop)), Place));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -180,16 +180,14 @@ fn replay_restarts_and_checks_its_state() {
     let pixels = noise(30);
     write(&path, &sample(PixelType::U8, 1, true), &pixels);
     let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
-    assert!(
-        matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Misuse(text)) if text.contains("start it first"))
-    );
+    assert!(matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Stopped(_))));
     device.start().unwrap();
-    assert!(matches!(device.start(), Err(Error::Misuse(text)) if text.contains("stop it first")));
+    assert!(matches!(device.start(), Err(Error::Running(_))));
     for _ in 0..3 {
         assert!(matches!(device.next(sonoweave_core::NO_DEADLINE).unwrap(), Next::Reading(_)));
     }
     device.stop().unwrap();
-    assert!(matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Misuse(_))));
+    assert!(matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Stopped(_))));
     for _ in 0..2 {
         device.start().unwrap();
         let readings = drain(&mut device).unwrap();
@@ -231,7 +229,7 @@ fn replay_without_images_reads_no_pixels() {
     bytes[header..].fill(0xff);
     fs::write(&path, bytes).unwrap();
     let error = replay(&path).unwrap_err();
-    assert!(matches!(error, Error::Data { frame: 0, .. }), "{error}");
+    assert!(matches!(error.cause(), Some(formats::Error::Data { frame: 0, .. })), "{error}");
     let mut device = Replay::open(&SequenceSettings { images: false, ..SequenceSettings::new(&path) }).unwrap();
     device.start().unwrap();
     let readings = drain(&mut device).unwrap();
@@ -436,20 +434,17 @@ fn invalid_text_pixels_are_refused_with_location() {
         assert!(error.contains(says), "{error:?} does not say {says:?}");
         error
     };
-    let few = "the numbers end before it does";
+    let few = "there are fewer numbers than pixels";
     refused(&head, "1 2 3 4 5 6 7 8 9 10 11", few);
     refused(&head, "1 2 3 4 5 6 7 8 9 10 11 12 13", "more numbers follow the last frame");
     refused(&head, "1 2 3", "promises 24 bytes of pixels, more than the 5 bytes of data");
-    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 40000", "\"40000\" is no I16");
-    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 1.5", "\"1.5\" is no I16");
-    let binary = refused(
-        &head,
-        "1 2 3 4 \u{1}\u{2}\u{7f} 6 7 8 9 10 11 12",
-        "is no I16; the file is damaged or of another type",
-    );
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 40000", "\"40000\" is not a value of I16");
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 1.5", "\"1.5\" is not a value of I16");
+    let binary =
+        refused(&head, "1 2 3 4 \u{1}\u{2}\u{7f} 6 7 8 9 10 11 12", "is not a value of I16; correct it or the type");
     assert!(binary.contains(&format!("{}", head.len() + 11)), "{binary} does not say where");
     let endless = "7".repeat(1 << 20);
-    let error = refused(&head, &endless, "is no I16");
+    let error = refused(&head, &endless, "is not a value of I16");
     assert!(error.len() < 500, "{}", error.len());
     let beside = as_text("MET_SHORT", "t.txt");
     let error = refused(&beside, "1 2 3 4 5 6 7 8 9 10 11  ", few);
@@ -457,7 +452,7 @@ fn invalid_text_pixels_are_refused_with_location() {
     let packed = beside.replace("CompressedData = False", "CompressedData = True");
     refused(&packed, "1 2 3 4 5 6 7 8 9 10 11 12", "field BinaryData (byte 29): is False, which means numbers as text");
     let from_behind = beside.replace("ElementDataFile", "HeaderSize = -1\nElementDataFile");
-    refused(&from_behind, "1 2 3 4 5 6 7 8 9 10 11 12", "it is not known how many these are");
+    refused(&from_behind, "1 2 3 4 5 6 7 8 9 10 11 12", "which is not supported for numbers as text");
     let behind = beside.replace("ElementDataFile", "HeaderSize = 6\nElementDataFile");
     fs::write(&path, behind).unwrap();
     fs::write(&data, "title 1 2 3 4 5 6 7 8 9 10 11 12").unwrap();

@@ -8,6 +8,7 @@ use std::time::Duration;
 use clap::Args;
 use serde::Serialize;
 
+use drivers::transport::DENIED;
 use drivers::{DRIVERS, Listing};
 
 use super::Failure;
@@ -122,11 +123,18 @@ fn whole(all: &[Found]) -> String {
         0 => format!("{} found; all can be opened.\n", all.len()),
         _ => format!("{} found; {closed} of them cannot be opened.\n", all.len()),
     };
-    if all.iter().any(|found| found.unavailable.as_ref().is_some_and(|why| why.contains("permission"))) {
+    if all.iter().any(|found| found.unavailable.as_ref().is_some_and(|why| why.contains(DENIED))) {
         said += "The udev rules give access to the user at this machine: sonoweave devices --udev | sudo tee \
             /etc/udev/rules.d/70-sonoweave.rules\n";
     }
     said
+}
+
+/// Returns a device's reason with the command that remedies it, if there is one. The drivers do not
+/// know the commands.
+pub(super) fn with_remedy(why: &str) -> String {
+    let remedy = if why.contains(DENIED) { " (`sonoweave devices --udev` prints the rules)" } else { "" };
+    format!("{why}{remedy}")
 }
 
 /// Formats added, removed and changed devices.
@@ -152,7 +160,7 @@ mod tests {
     fn line_seen_by_two_drivers_is_one_device() {
         let found = merged(
             [
-                ("tracker", vec![listing("/dev/ttyB", None), listing("usb:1-2", Some("permission denied; install"))]),
+                ("tracker", vec![listing("/dev/ttyB", None), listing("usb:1-2", Some(DENIED))]),
                 ("arm", vec![listing("/dev/ttyB", None)]),
             ]
             .into_iter(),
@@ -162,7 +170,7 @@ mod tests {
         let said = whole(&found);
         assert!(said.contains("✓ /dev/ttyB\n    a thing at /dev/ttyB; for: tracker, arm\n"), "{said}");
         assert!(said.contains("✗ usb:1-2") && said.contains("2 found; 1 of them cannot be opened"), "{said}");
-        assert!(said.contains("--udev"), "{said}");
+        assert!(said.contains("--udev") && with_remedy(DENIED).contains("--udev"), "{said}");
     }
 
     #[test]

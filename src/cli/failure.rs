@@ -6,9 +6,22 @@ use config::Unfit;
 #[derive(Debug)]
 pub struct Failure(pub String);
 
-impl<E: std::error::Error> From<E> for Failure {
+impl<E: std::error::Error + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self(error.to_string())
+        Self(format!("{error}{}", remedy(&error)))
+    }
+}
+
+/// Returns the command that remedies the cause of an error, to follow its text; empty if there is
+/// none. Libraries do not know the commands.
+fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
+    use formats::Error::{Damaged, NoSession};
+    let mut causes = std::iter::successors(Some(error), |error| error.source());
+    match causes.find_map(|cause| cause.downcast_ref()) {
+        Some(Damaged { .. }) => " by `sonoweave inspect FILE --repair OUT`, which lists the missing parts",
+        Some(NoSession { source: formats::NoSession::Empty, .. }) => "",
+        Some(NoSession { .. }) => "; give a file that `live --record` wrote",
+        _ => "",
     }
 }
 

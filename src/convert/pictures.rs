@@ -105,10 +105,12 @@ impl Pictures {
         })
     }
 
-    fn frame(&self, number: usize) -> Result<Frame, Error> {
+    fn frame(&self, number: usize) -> Result<Frame, formats::Error> {
         let path = &self.paths[number];
-        let problem = |problem: String| Error::Data { path: path.clone(), frame: number as u64, offset: 0, problem };
-        let file = File::open(path).map_err(|source| Error::Io { path: path.clone(), doing: "opening", source })?;
+        let frame = number as u64;
+        let problem = |problem: String| formats::Error::Data { path: path.clone(), frame, offset: 0, problem };
+        let failed = |source| formats::Error::Io { path: path.clone(), doing: "opening", source };
+        let file = File::open(path).map_err(failed)?;
         let broken = |e: image::ImageError| problem(format!("is no PNG that can be read: {e}"));
         let decoder = PngDecoder::new(BufReader::new(file)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
@@ -171,7 +173,7 @@ impl Device for Pictures {
 
     fn next(&mut self, _deadline_ns: i64) -> Result<Next, Error> {
         let Some(number) = self.next else {
-            return Err(Error::Misuse(format!("{}: is stopped; start it first", self.description.name)));
+            return Err(Error::Stopped(self.description.name.clone()));
         };
         if number == self.paths.len() {
             return Ok(Next::End);

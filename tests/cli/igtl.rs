@@ -92,7 +92,7 @@ fn session_can_use_another_session_as_devices() {
     assert!(place.get("again.mha") == place.get("v.mha"), "another volume");
     drop(shown);
     let gone = place.run("live --config b.toml --check");
-    assert!(gone.code == 1 && gone.stdout.contains("does the server run there?"), "{}", gone.stdout);
+    assert!(gone.code == 1 && gone.stdout.contains("check that the server runs there"), "{}", gone.stdout);
 }
 
 #[test]

@@ -338,9 +338,7 @@ fn session_is_described_and_repaired() {
     harmed.truncate(pictures[45]);
     place.put("harmed.mcap", &harmed);
     let text = place.does("inspect harmed.mcap --repair whole.mcap");
-    for line in
-        ["broken off", "missing\n", " of /tracker/pose/1\n", "a chunk whose checksum does not fit", "repaired\n"]
-    {
+    for line in ["broken off", "missing\n", " of /tracker/pose/1\n", "a chunk with a wrong checksum", "repaired\n"] {
         assert!(text.contains(line), "{text} lacks {line:?}");
     }
     let [harmed, whole] = ["harmed.mcap", "whole.mcap"].map(|file| report(&place, file));
@@ -356,7 +354,11 @@ fn session_is_described_and_repaired() {
     for (words, said) in [
         ("inspect harmed.mcap --repair whole.mcap", "exists"),
         ("inspect Cargo.mcap", "reading failed"),
-        ("inspect none.mcap", "is no session: not one whole chunk"),
+        (
+            "inspect none.mcap",
+            "is not a session: the file has no complete chunk of MCAP; give a file that `live --record` wrote",
+        ),
+        ("convert harmed.mcap x.mha", "repair the session by `sonoweave inspect FILE --repair OUT`"),
         ("inspect text.txt --repair x.mcap", "neither a MetaImage"),
     ] {
         place.refuses(words, &[said]);

@@ -195,7 +195,7 @@ fn failed_device_is_reported_at_once_and_other_continues() {
     struct Broken(sonoweave_core::Description, sonoweave_core::Health);
     impl Device for Broken {
         fn start(&mut self) -> Result<(), sonoweave_core::Error> {
-            Err(sonoweave_core::Error::Misuse("the arm has four joints: nobody knows what to do with them".into()))
+            Err(sonoweave_core::Error::other("the arm has four joints"))
         }
         fn next(&mut self, _: i64) -> Result<sonoweave_core::Next, sonoweave_core::Error> {
             unreachable!("it never started")

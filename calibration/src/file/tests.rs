@@ -142,7 +142,7 @@ fn wrong_count_or_value_names_key_and_line() {
         ),
         (
             "[image]\nclip_px = { x = 1, y = 2, width = 0, height = 4 }\n".into(),
-            "image.clip_px (line 4): a clip rectangle of 0×4 pixels holds none",
+            "image.clip_px (line 4): a clip rectangle of 0×4 pixels is empty",
         ),
         (
             "[image.fan]\norigin_px = [0, 0]\nradii_px = [9, 3]\nangles_deg = [-1, 1]\n".into(),

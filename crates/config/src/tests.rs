@@ -89,7 +89,7 @@ fn errors_name_file_element_attribute_line() {
         (recon("OutputSpacing=\"0.5 0.5\""), "VolumeReconstruction OutputSpacing (line 6): must hold 3 numbers, not 2"),
         (recon("OutputSpacing=\"0.5 0.5 0\""), "must hold numbers above 0, not 0"),
         (recon("ClipRectangleSize=\"1.5 2\""), "ClipRectangleSize (line 6): must hold whole numbers of pixels"),
-        (recon("ClipRectangleOrigin=\"-50 0\" ClipRectangleSize=\"20 20\""), "holds none"),
+        (recon("ClipRectangleOrigin=\"-50 0\" ClipRectangleSize=\"20 20\""), "is empty"),
         (
             recon("FanAnglesDeg=\"-30 30\" FanRadiusStartPixel=\"9\" FanRadiusStopPixel=\"3\""),
             "a fan's radii must grow",

@@ -55,8 +55,8 @@ pub fn picture_size(text: &str) -> Result<[u32; 2], String> {
 /// Parses azimuth, elevation and, if given, roll, degrees.
 pub fn view(text: &str) -> Result<[f64; 3], String> {
     match text.split(',').count() {
-        3 => numbers::<3>(text),
-        _ => numbers::<2>(text).map(|[azimuth, elevation]| [azimuth, elevation, 0.0]),
+        3 => Ok(numbers::<3>(text)?),
+        _ => Ok(numbers::<2>(text).map(|[azimuth, elevation]| [azimuth, elevation, 0.0])?),
     }
 }
 
@@ -81,7 +81,7 @@ pub fn light(text: &str) -> Result<Source, String> {
 
 /// Parses the brightness near and far.
 pub fn depth_cue(text: &str) -> Result<[f64; 2], String> {
-    numbers::<2>(text)
+    Ok(numbers::<2>(text)?)
 }
 
 /// Parses an address with a port.
@@ -140,7 +140,7 @@ pub fn window(text: &str) -> Result<[f32; 2], String> {
 
 /// Parses a finite number, such as of seconds.
 pub fn number(text: &str) -> Result<f64, String> {
-    numbers::<1>(text).map(|[number]| number)
+    Ok(numbers::<1>(text).map(|[number]| number)?)
 }
 
 /// Parses a number above 0, such as of mm.

@@ -38,9 +38,9 @@ pub trait Device: Send {
     /// Their counts become 0 there, or the value that the device gives for home.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when the device has no axes.
+    /// [`Error::NoAxes`].
     fn home(&mut self, _axes: u8) -> Result<(), Error> {
-        Err(Error::Misuse(format!("{}: has no axes to home", self.describe().name)))
+        Err(Error::NoAxes(self.describe().name.clone()))
     }
 
     /// Returns the facts known before the first reading; hardware adds more after its set-up.

@@ -1,71 +1,57 @@
-//! One error type for all drivers.
+//! The error of all devices.
 
-use std::path::PathBuf;
+use std::error::Error as StdError;
 
-/// Error of a device or a recording. Its text is a sentence that names the fault, its location
-/// and the remedy.
+/// Error of a [`Device`](crate::Device).
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The file cannot be read or written at all.
-    #[error("{path}: {doing} failed: {source}", path = path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Operation that failed.
-        doing: &'static str,
-        /// The operating system's reason.
-        #[source]
-        source: std::io::Error,
-    },
-    /// A field of a file's header is missing, malformed or contradicts another.
-    #[error("{path}: field {field} (byte {offset}): {problem}", path = path.display())]
-    Header {
-        /// The file.
-        path: PathBuf,
-        /// Field name, as in the file.
-        field: String,
-        /// Position of the field, in bytes from the beginning of the file.
-        offset: u64,
-        /// Fault and remedy.
-        problem: String,
-    },
-    /// The pixel data does not match the header.
-    #[error("{path}: pixel data of frame {frame} (byte {offset} of the file): {problem}", path = path.display())]
-    Data {
-        /// The file.
-        path: PathBuf,
-        /// Frame that could not be read completely, from 0.
-        frame: u64,
-        /// Position in the file up to which bytes were consumed.
-        offset: u64,
-        /// Fault and remedy.
-        problem: String,
-    },
-    /// The file is no session, or contradicts its checksums and numbers.
-    #[error("{path}: byte {offset}: {problem}", path = path.display())]
-    Session {
-        /// The file.
-        path: PathBuf,
-        /// Position of the fault, in bytes from the beginning of the file.
-        offset: u64,
-        /// Fault and remedy.
-        problem: String,
-    },
-    /// A stated limit was exceeded; no memory of that size was allocated.
-    #[error("{path}: {what} is {value}, more than the limit of {limit}: {advice}", path = path.display())]
-    Limit {
-        /// The file.
-        path: PathBuf,
-        /// Quantity that is too large.
-        what: String,
-        /// Value that the file claims.
-        value: u128,
-        /// The limit.
-        limit: u128,
-        /// Remedy.
-        advice: &'static str,
-    },
-    /// The call does not fit the device's state or kind.
+    /// The device was started twice.
+    #[error("{0} is running already; stop it first")]
+    Running(String),
+    /// The device was read before its start.
+    #[error("{0} is stopped; start it first")]
+    Stopped(String),
+    /// The device was read after an error.
+    #[error("{0} has failed; start it again to read from the beginning")]
+    Failed(String),
+    /// The device has no axes.
+    #[error("{0} has no axes to home")]
+    NoAxes(String),
+    /// An error of the device's own crate: its settings, or a recording's file. This crate knows
+    /// neither drivers nor files; [`Self::cause`] returns the error with its type.
     #[error("{0}")]
-    Misuse(String),
+    Other(#[source] Box<dyn StdError + Send + Sync>),
+}
+
+impl Error {
+    /// Wraps an error of another crate.
+    pub fn other(error: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
+        Self::Other(error.into())
+    }
+
+    /// Returns the wrapped error, if it has this type.
+    pub fn cause<E: StdError + 'static>(&self) -> Option<&E> {
+        if let Self::Other(error) = self { error.downcast_ref() } else { None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_name_device_and_remedy() {
+        let device = || "/dev/ttyUSB0".to_owned();
+        for (error, text) in [
+            (Error::Running(device()), "/dev/ttyUSB0 is running already; stop it first"),
+            (Error::Stopped(device()), "/dev/ttyUSB0 is stopped; start it first"),
+            (Error::Failed(device()), "/dev/ttyUSB0 has failed; start it again to read from the beginning"),
+            (Error::NoAxes(device()), "/dev/ttyUSB0 has no axes to home"),
+        ] {
+            assert_eq!(error.to_string(), text);
+            assert!(error.cause::<std::fmt::Error>().is_none());
+        }
+        let wrapped = Error::other(std::fmt::Error);
+        assert_eq!((wrapped.to_string(), wrapped.cause()), (std::fmt::Error.to_string(), Some(&std::fmt::Error)));
+    }
 }

@@ -22,7 +22,7 @@ pub enum FileError {
         source: std::io::Error,
     },
     /// The file is larger than any of its kind.
-    #[error("{path}: holds more than {limit} bytes, too many for its kind; is this the right file?", path = path.display())]
+    #[error("{path}: holds more than {limit} bytes, the limit for its kind; check that it is the right file", path = path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -283,29 +283,55 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
     Ok(text)
 }
 
+/// Reason why a text does not hold the wanted numbers.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum BadNumbers {
+    /// A word is not a number; long words are shortened.
+    #[error("\"{0}\" is not a number")]
+    NotNumber(String),
+    /// A number is NaN or infinite.
+    #[error("number {position} is {word}, which is not finite")]
+    NotFinite {
+        /// Position of the number, from 1.
+        position: usize,
+        /// Its text.
+        word: String,
+    },
+    /// The text holds more numbers, or fewer.
+    #[error("must hold {wanted} number{}, not {found}", if *.wanted == 1 { "" } else { "s" })]
+    Count {
+        /// The wanted count.
+        wanted: usize,
+        /// The count found.
+        found: usize,
+    },
+}
+
 /// Parses N finite numbers separated by white space, commas or both.
 ///
 /// # Errors
-/// A sentence without a beginning: another count, or a word that is no finite number.
-pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let words = || text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+/// [`BadNumbers`].
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], BadNumbers> {
+    let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
     let mut numbers = [0.0; N];
-    let mut count = 0;
-    for word in words() {
-        let number = word.parse::<f64>().map_err(|_| format!("\"{}\" is not a number", shortened(word)))?;
+    let mut found = 0;
+    for word in words {
+        let number = word.parse::<f64>().map_err(|_| BadNumbers::NotNumber(shortened(word)))?;
         if !number.is_finite() {
-            return Err(format!("number {} is {word}, which is not finite", count + 1));
+            return Err(BadNumbers::NotFinite { position: found + 1, word: word.to_owned() });
         }
-        if let Some(slot) = numbers.get_mut(count) {
+        if let Some(slot) = numbers.get_mut(found) {
             *slot = number;
         }
-        count += 1;
+        found += 1;
     }
-    if count == N {
-        Ok(numbers)
-    } else {
-        let (plural, count) = (if N == 1 { "" } else { "s" }, count);
-        Err(format!("must hold {N} number{plural}, not {count}"))
+    if found == N { Ok(numbers) } else { Err(BadNumbers::Count { wanted: N, found }) }
+}
+
+/// Lets `?` pass the sentence on in functions whose error is a text.
+impl From<BadNumbers> for String {
+    fn from(bad: BadNumbers) -> Self {
+        bad.to_string()
     }
 }
 

@@ -9,7 +9,11 @@
 //!   [`region`]: the rectangle and fan of the image that are data.
 //! - [`refusal`], [`ledger`]: the outcome of every frame, and the reasons.
 //! - [`keys`]: TOML files read key by key, for every file of ours.
-//! - [`error`]: errors of devices and files, in sentences.
+//! - [`error`]: the error of all devices.
+//!
+//! The modules have no error in common, because their callers handle every case: a
+//! [`frames::BadMatrix`] becomes one of the ledger's reasons, and a [`keys::FileError`] an error
+//! at a line of a file. A merged error would make these matches incomplete.
 
 pub mod clock;
 pub mod date;

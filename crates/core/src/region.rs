@@ -30,7 +30,7 @@ impl ClipRect {
     /// [`BadRegion`] when the rectangle holds no pixel.
     pub fn new(x: u32, y: u32, width: u32, height: u32) -> Result<Self, BadRegion> {
         if width == 0 || height == 0 {
-            return Err(BadRegion(format!("a clip rectangle of {width}×{height} pixels holds none")));
+            return Err(BadRegion::Empty { width, height });
         }
         Ok(Self { x, y, width, height })
     }
@@ -62,15 +62,13 @@ impl Fan {
     /// and −180 ≤ first angle < second ≤ 180.
     pub fn new(origin_px: [f64; 2], radii_px: [f64; 2], angles_deg: [f64; 2]) -> Result<Self, BadRegion> {
         if [origin_px, radii_px, angles_deg].iter().flatten().any(|x| !x.is_finite()) {
-            return Err(BadRegion("a fan's numbers must be finite".into()));
+            return Err(BadRegion::NotFinite);
         }
         if !(radii_px[0] >= 0.0 && radii_px[0] < radii_px[1]) {
-            return Err(BadRegion(format!("a fan's radii must grow from at least 0, not {radii_px:?}")));
+            return Err(BadRegion::Radii(radii_px));
         }
         if !(angles_deg[0] >= -180.0 && angles_deg[0] < angles_deg[1] && angles_deg[1] <= 180.0) {
-            return Err(BadRegion(format!(
-                "a fan's angles must grow between -180 and 180 degrees (0 is down, positive to the right), not {angles_deg:?}"
-            )));
+            return Err(BadRegion::Angles(angles_deg));
         }
         Ok(Self { origin_px, radii_px, angles_deg })
     }
@@ -130,9 +128,26 @@ impl FanTest {
 }
 
 /// Reason why numbers do not describe a region of an image.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct BadRegion(pub String);
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BadRegion {
+    /// The rectangle has no pixels.
+    #[error("a clip rectangle of {width}×{height} pixels is empty; give a width and a height of at least 1")]
+    Empty {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A number of a fan is NaN or infinite.
+    #[error("a fan's numbers must be finite")]
+    NotFinite,
+    /// The radii do not grow, px.
+    #[error("a fan's radii must grow from at least 0, not {0:?}")]
+    Radii([f64; 2]),
+    /// The angles do not grow, or leave their range, degrees.
+    #[error("a fan's angles must grow between -180 and 180 degrees (0 is down, positive to the right), not {0:?}")]
+    Angles([f64; 2]),
+}
 
 #[cfg(test)]
 mod tests {
@@ -172,11 +187,11 @@ mod tests {
 
     #[test]
     fn bad_fans_and_empty_rectangles_are_refused() {
-        assert!(Fan::new([0.0, 0.0], [10.0, 10.0], [-1.0, 1.0]).unwrap_err().0.contains("radii"));
-        assert!(Fan::new([0.0, 0.0], [-1.0, 10.0], [-1.0, 1.0]).is_err());
-        assert!(Fan::new([0.0, 0.0], [0.0, 10.0], [1.0, -1.0]).unwrap_err().0.contains("angles"));
-        assert!(Fan::new([0.0, f64::NAN], [0.0, 10.0], [-1.0, 1.0]).unwrap_err().0.contains("finite"));
-        assert!(ClipRect::new(0, 0, 0, 5).is_err());
+        assert_eq!(Fan::new([0.0, 0.0], [10.0; 2], [-1.0, 1.0]), Err(BadRegion::Radii([10.0; 2])));
+        assert_eq!(Fan::new([0.0, 0.0], [-1.0, 10.0], [-1.0, 1.0]), Err(BadRegion::Radii([-1.0, 10.0])));
+        assert_eq!(Fan::new([0.0, 0.0], [0.0, 10.0], [1.0, -1.0]), Err(BadRegion::Angles([1.0, -1.0])));
+        assert_eq!(Fan::new([0.0, f64::NAN], [0.0, 10.0], [-1.0, 1.0]), Err(BadRegion::NotFinite));
+        assert_eq!(ClipRect::new(0, 0, 0, 5), Err(BadRegion::Empty { width: 0, height: 5 }));
         assert!(ClipRect::new(0, 0, 820, 616).unwrap().covers(820, 616));
         assert!(!ClipRect::new(0, 0, 819, 616).unwrap().covers(820, 616));
     }

@@ -153,7 +153,7 @@ pub enum ExportError {
     },
     /// An error of the file format.
     #[error(transparent)]
-    File(#[from] sonoweave_core::Error),
+    File(#[from] formats::Error),
     /// A file system error while voxels were written.
     #[error("{path}: writing the volume failed: {source}", path = path.display())]
     Io {

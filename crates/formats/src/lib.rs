@@ -2,9 +2,14 @@
 //!
 //! - [`image`]: MetaImage, NRRD and NIfTI, read and written.
 //! - [`session`]: the readings, decisions and notes of a session, as MCAP.
+//!
+//! All functions that access files return [`Error`].
 
+mod error;
 pub mod image;
 pub mod session;
+
+pub use error::{Error, NoSession, Unreadable, Unwritable};
 
 /// Upper bounds that keep a damaged or hostile file from exhausting the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

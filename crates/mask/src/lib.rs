@@ -17,6 +17,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
+use sonoweave_core::keys::{BadNumbers, numbers};
 use sonoweave_core::region::{BadRegion, ClipRect, Fan};
 
 pub use auto::{AutoMask, Found};
@@ -78,13 +79,10 @@ impl MaskSettings {
     /// Returns the mask of `width`×`height` frames, or the detector for it.
     ///
     /// # Errors
-    /// [`BadRegion`] when rectangle and fan leave no pixel, or the calibration is for frames of
-    /// another size.
-    pub fn plan(&self, width: u32, height: u32) -> Result<MaskPlan, BadRegion> {
+    /// [`MaskError::OtherSize`] and [`MaskError::Empty`].
+    pub fn plan(&self, width: u32, height: u32) -> Result<MaskPlan, MaskError> {
         if let Some([w, h]) = self.picture_px.filter(|size| *size != [width, height]) {
-            return Err(BadRegion(format!(
-                "the calibration is of pictures of {w}×{h} pixels, and these have {width}×{height}: set scanner and grabber as they were when it was made, or choose another preset"
-            )));
+            return Err(MaskError::OtherSize { calibrated: [w, h], found: [width, height] });
         }
         let rect = match self.clip {
             Clip::Auto => None,
@@ -99,20 +97,17 @@ impl MaskSettings {
             (Some(rect), Some(fan)) => rect.intersect(&Mask::fan(width, height, &fan)),
         };
         if mask.area() == 0 {
-            return Err(BadRegion(format!(
-                "the clip region leaves nothing of the {width}×{height} picture: {}{}",
-                match self.clip {
-                    Clip::Rect(r) | Clip::RectOrAuto(r) =>
-                        format!("rectangle {},{} of {}×{} pixels", r.x, r.y, r.width, r.height),
-                    Clip::Auto | Clip::None => "no rectangle".into(),
-                },
-                self.fan.map_or(String::new(), |fan| format!(
-                    ", fan about {:?}, radii {:?} px, angles {:?}°",
-                    fan.origin_px(),
-                    fan.radii_px(),
-                    fan.angles_deg()
-                )),
-            )));
+            let rectangle = match self.clip {
+                Clip::Rect(r) | Clip::RectOrAuto(r) => {
+                    format!("rectangle {},{} of {}×{} pixels", r.x, r.y, r.width, r.height)
+                }
+                Clip::Auto | Clip::None => "no rectangle".into(),
+            };
+            let fan = self.fan.map_or(String::new(), |fan| {
+                let (origin, radii, angles) = (fan.origin_px(), fan.radii_px(), fan.angles_deg());
+                format!(", fan about {origin:?}, radii {radii:?} px, angles {angles:?}°")
+            });
+            return Err(MaskError::Empty { size: [width, height], region: rectangle + &fan });
         }
         Ok(MaskPlan::Fixed(mask))
     }
@@ -120,22 +115,18 @@ impl MaskSettings {
 
 /// `auto`, `none`, or `X,Y,W,H` in pixels.
 impl FromStr for Clip {
-    type Err = BadRegion;
+    type Err = MaskError;
 
-    fn from_str(text: &str) -> Result<Self, BadRegion> {
+    fn from_str(text: &str) -> Result<Self, MaskError> {
         match text.trim() {
             "auto" => return Ok(Self::Auto),
             "none" => return Ok(Self::None),
             _ => {}
         }
-        let parts: Vec<u32> =
-            text.split(',').map(|part| part.trim().parse()).collect::<Result<_, _>>().map_err(|_| {
-                BadRegion(format!("\"{text}\" is neither auto, none, nor four whole numbers of pixels X,Y,W,H"))
-            })?;
-        let [x, y, width, height] = parts[..] else {
-            return Err(BadRegion(format!("X,Y,W,H are 4 numbers, not {}", parts.len())));
-        };
-        ClipRect::new(x, y, width, height).map(Self::Rect)
+        let parts: Result<Vec<u32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+        let parts = parts.map_err(|_| MaskError::NotClip(text.to_owned()))?;
+        let [x, y, width, height] = parts[..] else { return Err(MaskError::Count(parts.len())) };
+        Ok(Self::Rect(ClipRect::new(x, y, width, height)?))
     }
 }
 
@@ -143,11 +134,46 @@ impl FromStr for Clip {
 /// positive to the right).
 ///
 /// # Errors
-/// [`BadRegion`] when they are not six numbers, or contradict each other.
-pub fn parse_fan(text: &str) -> Result<Fan, BadRegion> {
-    let [x, y, r0, r1, a0, a1] =
-        sonoweave_core::keys::numbers::<6>(text).map_err(|problem| BadRegion(format!("X,Y,R0,R1,A0,A1: {problem}")))?;
-    Fan::new([x, y], [r0, r1], [a0, a1])
+/// [`MaskError::Numbers`] and [`MaskError::Region`].
+pub fn parse_fan(text: &str) -> Result<Fan, MaskError> {
+    let [x, y, r0, r1, a0, a1] = numbers::<6>(text)?;
+    Ok(Fan::new([x, y], [r0, r1], [a0, a1])?)
+}
+
+/// Reason why settings give no mask.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MaskError {
+    /// The rectangle or the fan is invalid.
+    #[error(transparent)]
+    Region(#[from] BadRegion),
+    /// The text of a fan does not hold six numbers.
+    #[error("X,Y,R0,R1,A0,A1: {0}")]
+    Numbers(#[from] BadNumbers),
+    /// The text is not a clip region.
+    #[error("\"{0}\" is neither auto, none, nor four whole numbers of pixels X,Y,W,H")]
+    NotClip(String),
+    /// The text of a rectangle does not hold four numbers.
+    #[error("X,Y,W,H are 4 numbers, not {0}")]
+    Count(usize),
+    /// The calibration is for frames of another size.
+    #[error(
+        "the calibration is of pictures of {}×{} pixels, and these have {}×{}: set scanner and grabber as they were when it was made, or choose another preset",
+        .calibrated[0], .calibrated[1], .found[0], .found[1]
+    )]
+    OtherSize {
+        /// Width and height that the calibration is for.
+        calibrated: [u32; 2],
+        /// Width and height of the frames.
+        found: [u32; 2],
+    },
+    /// Rectangle and fan leave no pixel.
+    #[error("the clip region leaves nothing of the {}×{} picture: {region}", .size[0], .size[1])]
+    Empty {
+        /// Width and height of the frames.
+        size: [u32; 2],
+        /// Rectangle and fan.
+        region: String,
+    },
 }
 
 #[cfg(test)]
@@ -200,10 +226,11 @@ mod tests {
         assert_eq!("auto".parse::<Clip>().unwrap(), Clip::Auto);
         assert_eq!("none".parse::<Clip>().unwrap(), Clip::None);
         assert_eq!("1, 2,3,4".parse::<Clip>().unwrap(), Clip::Rect(ClipRect::new(1, 2, 3, 4).unwrap()));
-        assert!("1,2,3".parse::<Clip>().unwrap_err().0.contains("4 numbers, not 3"));
-        assert!("some".parse::<Clip>().unwrap_err().0.contains("neither auto, none"));
-        assert!("1,2,0,4".parse::<Clip>().is_err());
+        assert_eq!("1,2,3".parse::<Clip>(), Err(MaskError::Count(3)));
+        assert_eq!("some".parse::<Clip>(), Err(MaskError::NotClip("some".into())));
+        assert!(matches!("1,2,0,4".parse::<Clip>(), Err(MaskError::Region(_))));
         assert_eq!(parse_fan("380,20,120,360,-45,45").unwrap().radii_px(), [120.0, 360.0]);
-        assert!(parse_fan("380,20,120,360,-45").unwrap_err().0.contains("6 numbers, not 5"));
+        let five = parse_fan("380,20,120,360,-45");
+        assert_eq!(five, Err(MaskError::Numbers(BadNumbers::Count { wanted: 6, found: 5 })));
     }
 }

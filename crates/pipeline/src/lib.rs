@@ -69,7 +69,7 @@ pub enum PipelineError {
     NoPath(#[from] NoPath),
     /// The mask leaves no pixels.
     #[error(transparent)]
-    Mask(#[from] sonoweave_core::region::BadRegion),
+    Mask(#[from] mask::MaskError),
     /// The reconstructor's settings do not fit the frames.
     #[error(transparent)]
     Settings(#[from] SettingsError),

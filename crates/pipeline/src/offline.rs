@@ -98,7 +98,7 @@ pub fn reconstruct(
     mut progress: impl FnMut(Progress),
 ) -> Result<Outcome, PipelineError> {
     let options = job.config.pairing_options(job.world.as_deref());
-    let survey = survey(open(&job.survey)?.as_mut(), &options)?;
+    let survey = survey(open(&job.survey).map_err(sonoweave_core::Error::from)?.as_mut(), &options)?;
     let used: Vec<FramePose> = survey.poses.iter().filter(|p| job.frames.contains(&p.item)).copied().collect();
     let Some(first) = used.first() else {
         return Err(match survey.poses.is_empty() {
@@ -131,7 +131,7 @@ pub fn reconstruct(
         seen: 0,
     };
 
-    let mut device = open(&job.input)?;
+    let mut device = open(&job.input).map_err(sonoweave_core::Error::from)?;
     let total = device.describe().items.unwrap_or(0);
     device.start()?;
     loop {

@@ -60,7 +60,7 @@ pub struct DenseVolume {
 pub enum DenseError {
     /// The file, its header or its data.
     #[error(transparent)]
-    File(#[from] sonoweave_core::Error),
+    File(#[from] formats::Error),
     /// Several values a voxel.
     #[error("{path}: has {channels} channels; a volume to be rendered has one: convert it, or choose a channel", path = path.display())]
     Channels {

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
-use sonoweave_core::{Device, Error};
 
 use super::ea1::{self, Speech};
 use super::microscribe::{self, Family};
 use super::{Settings, qsb};
+use crate::Error;
 use crate::connection::Connection;
 use crate::transport::{Opener, PortPath, SerialOpener, serial};
 use crate::{Driver, Listing, OpenSettings};
@@ -57,7 +58,7 @@ impl ArmDriver {
     /// Opens an arm with the given clock.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no such arm has.
+    /// [`Error::Setting`] for settings that no such arm has.
     pub fn open_with(settings: &ArmSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let ArmSettings { model, settings, keeps_raw } = settings;
         // Opens the line at the usual rate of its kind; set-up may change it.
@@ -96,7 +97,7 @@ impl Driver for ArmDriver {
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         match settings {
             OpenSettings::Arm(settings) => Self::open_with(settings, Arc::new(Monotonic)),
-            _ => Err(Error::Misuse("these settings are not an arm's".into())),
+            _ => Err(Error::OtherDriver(self.name())),
         }
     }
 }
@@ -119,7 +120,8 @@ mod tests {
             let wrong = Settings { rate_hz: 0, ..Settings::default() };
             let settings = ArmSettings { model, settings: Settings::default(), keeps_raw: false };
             let wrong = OpenSettings::Arm(ArmSettings { settings: wrong, ..settings.clone() });
-            assert!(ArmDriver.open(&wrong).err().unwrap().to_string().contains("arm.rate_hz"));
+            let refused = ArmDriver.open(&wrong).err().unwrap();
+            assert!(matches!(refused, Error::Setting { device: "arm", setting: "rate_hz", .. }));
             let mut device = ArmDriver.open(&OpenSettings::Arm(settings)).unwrap();
             device.start().unwrap();
             assert!(matches!(device.next(Monotonic.now_ns() + 30_000_000).unwrap(), Next::Pending));
@@ -128,8 +130,8 @@ mod tests {
             device.home(7).unwrap();
             device.stop().unwrap();
         }
-        let other = ArmDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap().to_string();
-        assert!(other.contains("not an arm's"), "{other}");
+        let other = ArmDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap();
+        assert!(matches!(other, Error::OtherDriver("arm")));
         assert_eq!(ArmDriver.name(), "arm");
     }
 }

@@ -1,6 +1,6 @@
 //! Settings of an arm of any kind.
 
-use sonoweave_core::Error;
+use crate::Error;
 
 /// Set-up and limits of an arm.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,25 +33,22 @@ impl Settings {
     /// Checks these settings for an arm with at most `most_hz` readings per second.
     ///
     /// # Errors
-    /// [`Error::Misuse`] that names the setting and its valid values.
+    /// [`Error::Setting`].
     pub fn check(&self, most_hz: u32) -> Result<(), Error> {
-        let refused = |what: String| Err(Error::Misuse(what));
-        if !(1..=most_hz).contains(&self.rate_hz) {
-            return refused(format!(
-                "arm.rate_hz: {} readings a second are not to be had; give 1 to {most_hz}",
-                self.rate_hz
-            ));
+        let refused = |setting, problem: String| Err(Error::setting("arm", setting, problem));
+        let Self { rate_hz, fastest, .. } = self;
+        if !(1..=most_hz).contains(rate_hz) {
+            return refused("rate_hz", format!("{rate_hz} readings a second are not possible; give 1 to {most_hz}"));
         }
-        if self.fastest < 100 {
-            return refused(format!(
-                "arm.fastest: {} counts a second are less than a joint at rest may need; give what no joint reaches, such as 400000",
-                self.fastest
-            ));
+        if *fastest < 100 {
+            let example = "a value that no joint reaches, such as 400000";
+            return refused("fastest", format!("{fastest} counts a second are too few for a joint; give {example}"));
         }
         match self.baud {
-            Some(baud) if baud < 1200 => refused(format!(
-                "arm.baud: {baud} bits a second are no rate of a serial line; give one, such as 115200"
-            )),
+            Some(baud) if baud < 1200 => refused(
+                "baud",
+                format!("{baud} bits a second are too few for a serial line; give a rate such as 115200"),
+            ),
             _ => Ok(()),
         }
     }

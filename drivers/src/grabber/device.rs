@@ -127,14 +127,14 @@ impl Grabber {
     /// Creates a stopped grabber without touching a device.
     ///
     /// # Errors
-    /// [`Error::Misuse`] if no device is named or the number of buffers is invalid.
-    pub fn new(settings: GrabberSettings, clock: Arc<dyn Clock>) -> Result<Self, Error> {
+    /// [`crate::Error::Setting`] if no device is named or the number of buffers is invalid.
+    pub fn new(settings: GrabberSettings, clock: Arc<dyn Clock>) -> Result<Self, crate::Error> {
+        let refused = |setting, problem: &str| Err(crate::Error::setting("grabber", setting, problem));
         if settings.device.is_empty() {
-            return Err(Error::Misuse("a grabber needs the name of its device, such as /dev/video0".into()));
+            return refused("device", "the name is empty; give a device, such as /dev/video0");
         }
         if !(2..=32).contains(&settings.buffers) {
-            let problem = format!("{}: {} buffers; a stream needs 2 to 32", settings.device, settings.buffers);
-            return Err(Error::Misuse(problem));
+            return refused("buffers", "a stream needs 2 to 32");
         }
         let description = Description { name: settings.device.clone(), ..Description::default() };
         Ok(Self {
@@ -156,21 +156,21 @@ impl Grabber {
         self.doubtful
     }
 
-    fn open(&mut self, now_ns: i64) -> Result<Running, String> {
-        let path = find(&self.settings.device).ok_or("is not there; plug it in, or see what is listed")?;
-        let node = Arc::new(Node::open(&path).map_err(|error| why_not_opened(&error))?);
+    fn open(&mut self, now_ns: i64) -> Result<Running, Trouble> {
+        let path = find(&self.settings.device).ok_or_else(|| Trouble::Unusable("is not there; plug it in".into()))?;
+        let unopened = |error| Trouble::Unusable(why_not_opened(&error));
+        let node = Arc::new(Node::open(&path).map_err(unopened)?);
         self.health.received.opened += 1;
-        let identity = node.identity().map_err(|error| why_not_opened(&error))?;
+        let identity = node.identity().map_err(unopened)?;
         if let Some(why) = unfit(&identity) {
-            return Err(format!("cannot be used: {why}"));
+            return Err(Trouble::Unusable(format!("cannot be used: {why}")));
         }
         let setup = set_up(&node, &self.settings).map_err(|trouble| match trouble {
-            Trouble::Unfit(why) => format!("cannot be set up: {why}"),
-            Trouble::Refused { source, .. } if is_gone(&source) => why_not_opened(&source),
+            Trouble::Refused { source, .. } if is_gone(&source) => unopened(source),
             Trouble::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
-                format!("{} ({doing}: {source})", in_use(&path))
+                Trouble::Unusable(format!("{} ({doing}: {source})", in_use(&path)))
             }
-            Trouble::Refused { doing, source } => format!("cannot be set up: {doing} failed: {source}"),
+            other => other,
         })?;
         if let Some(input) = setup.input {
             // Few drivers support this; the others fall silent and are then set up again.
@@ -180,12 +180,12 @@ impl Grabber {
         for order in [setup.order(setup.field), Order::Progressive] {
             let (parts, count) = interlace::parts(order, self.settings.interlace, false);
             for part in &parts[..count] {
-                maker(&mut makers, &setup, part.rows, &self.settings).map_err(|refusal| refusal.to_string())?;
+                maker(&mut makers, &setup, part.rows, &self.settings)?;
             }
         }
         let stream = Stream::start(Arc::clone(&node), self.settings.buffers).map_err(|error| match error.kind() {
-            std::io::ErrorKind::ResourceBusy => in_use(&path),
-            _ => format!("does not stream: {error}"),
+            std::io::ErrorKind::ResourceBusy => Trouble::Unusable(in_use(&path)),
+            _ => Trouble::Unusable(format!("does not stream: {error}")),
         })?;
         self.health.received.set_up += 1;
         self.sequence.restart();
@@ -263,7 +263,7 @@ impl Grabber {
         let silent_ns = running.heard_ns + PATIENCE.max(three_frames);
         if now_ns >= silent_ns {
             let signal = running.look_at_signal(now_ns);
-            let why = if signal == Signal::Fine { "delivers no frames; it is set up anew" } else { signal.why() };
+            let why = if signal == Signal::Fine { "delivers no frames; it is set up again" } else { signal.why() };
             return self.again(State::Silent, why, now_ns);
         }
         let ready = match running.node.wait(silent_ns.min(deadline_ns) - now_ns) {
@@ -271,7 +271,7 @@ impl Grabber {
             Err(error) => return self.again(State::Absent, &why_not_opened(&error), now_ns),
         };
         if ready.event && matches!(running.node.event(), Ok(true)) {
-            return self.again(State::Starting, "has another source than before; it is set up anew", now_ns);
+            return self.again(State::Starting, "has changed its video source; it is set up again", now_ns);
         }
         if ready.buffer || ready.trouble {
             self.take(ready.trouble);
@@ -305,15 +305,15 @@ impl Grabber {
                 }
                 match outcome {
                     Ok(()) => self.note(State::Running, signal.why(), now_ns),
-                    Err(refusal) => self.note(State::Running, &format!("sent no picture: {refusal}"), now_ns),
+                    Err(refusal) => self.note(State::Running, &format!("sent an invalid frame: {refusal}"), now_ns),
                 }
             }
             // Waiting again would return at once, forever.
-            Ok(None) if trouble => self.again(State::Starting, "broke off its stream; it is begun anew", now_ns),
+            Ok(None) if trouble => self.again(State::Starting, "ended its stream; it is restarted", now_ns),
             Ok(None) => {}
             Err(error) if is_gone(&error) => self.again(State::Absent, "was unplugged; plug it in", now_ns),
             Err(error) => {
-                self.again(State::Starting, &format!("broke off its stream ({error}); it is begun anew"), now_ns);
+                self.again(State::Starting, &format!("ended its stream ({error}); it is restarted"), now_ns);
             }
         }
     }
@@ -438,7 +438,7 @@ impl Pictures<'_> {
 impl Device for Grabber {
     fn start(&mut self) -> Result<(), Error> {
         if !matches!(self.stage, Stage::Stopped) {
-            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.settings.device)));
+            return Err(Error::Running(self.settings.device.clone()));
         }
         let now_ns = self.clock.now_ns();
         self.stage = Stage::Absent { retry_ns: now_ns };
@@ -457,9 +457,7 @@ impl Device for Grabber {
                 return Ok(Next::Pending);
             }
             match &self.stage {
-                Stage::Stopped => {
-                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.settings.device)));
-                }
+                Stage::Stopped => return Err(Error::Stopped(self.settings.device.clone())),
                 Stage::Absent { retry_ns } if now_ns < *retry_ns => {
                     self.clock.wait_until((*retry_ns).min(deadline_ns));
                 }
@@ -473,7 +471,7 @@ impl Device for Grabber {
                                 self.note(State::Starting, "", now_ns);
                             }
                         }
-                        Err(why) => self.again(State::Absent, &why, now_ns),
+                        Err(trouble) => self.again(State::Absent, &trouble.to_string(), now_ns),
                     }
                 }
                 Stage::Running(_) => self.run(now_ns, deadline_ns),

@@ -78,7 +78,7 @@ pub(crate) fn why_not_opened(error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::NotFound => "is not there; plug it in".into(),
         io::ErrorKind::PermissionDenied => {
-            "may not be opened by this user; add the user to the group video (sudo usermod -aG video $USER) and log in anew".into()
+            "permission denied; add the user to the group video (sudo usermod -aG video $USER) and log in again".into()
         }
         io::ErrorKind::ResourceBusy => "is in use by another program; close that program".into(),
         _ if is_gone(error) => "is not there any more; plug it in".into(),

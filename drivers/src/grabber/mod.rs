@@ -24,10 +24,10 @@ pub use interlace::Interlace;
 
 use std::sync::Arc;
 
+use sonoweave_core::Device;
 use sonoweave_core::clock::Monotonic;
-use sonoweave_core::{Device, Error};
 
-use crate::{Driver, Listing, OpenSettings};
+use crate::{Driver, Error, Listing, OpenSettings};
 use pixels::{Colour, Matrix, PixelFormat, Range};
 
 /// Opens frame grabbers and all other video devices of Linux.
@@ -109,7 +109,7 @@ impl Driver for GrabberDriver {
 
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         let OpenSettings::Grabber(settings) = settings else {
-            return Err(Error::Misuse("the grabber driver opens video devices; these settings are of another".into()));
+            return Err(Error::OtherDriver(self.name()));
         };
         Ok(Box::new(Grabber::new(settings.clone(), Arc::new(Monotonic))?))
     }

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use sonoweave_core::clock::SECOND;
 use sonoweave_core::reading::{Frame, NamedTransform, Reading, Stamp, Status, split_transform_name};
-use sonoweave_core::{Description, Error, Ticks, Timing};
+use sonoweave_core::{Description, Ticks, Timing};
 
 use super::fixed::Fixed;
 use super::header::TimeStamp;
@@ -25,6 +25,7 @@ use super::image::Image;
 use super::message::{Content, Message};
 use super::query::{Pace, Subject};
 use super::stream::{Decoder, Event, Limits};
+use crate::Error;
 use crate::connection::{Lost, Met, Protocol, SetupStep};
 
 /// Time without useful data after which a server counts as silent, ns.
@@ -82,23 +83,24 @@ impl Client {
     /// Creates a client with these settings.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for an invalid address, for names that do not fit a message, and if
+    /// [`Error::Setting`] for an invalid address, for names that do not fit a message, and if
     /// nothing is to be received.
     pub fn new(settings: RemoteSettings) -> Result<Self, Error> {
-        let misuse = |setting: &str, problem: String| Error::Misuse(format!("remote.{setting}: {problem}"));
+        let refused = |setting, problem: String| Error::setting("remote", setting, problem);
         let address = &settings.address;
         let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
         if port.is_none_or(|(_, port)| port.parse::<u16>().is_err()) {
-            let problem = format!("\"{address}\" is no address; give HOST:PORT, such as \"127.0.0.1:18944\"");
-            return Err(misuse("address", problem));
+            let problem = format!("\"{address}\" is not an address; give HOST:PORT, such as \"127.0.0.1:18944\"");
+            return Err(refused("address", problem));
         }
         if settings.pictures.is_none() && settings.transforms.is_none() {
-            return Err(misuse("address", "neither pictures nor transforms are taken; ask for one of them".into()));
+            let problem = "neither pictures nor transforms are requested; request one of them";
+            return Err(refused("address", problem.into()));
         }
         let image = settings.pictures.as_ref().and_then(|pictures| pictures.device.as_deref());
-        let image = image.map(Fixed::new).transpose().map_err(|unfit| misuse("image", unfit.to_string()))?;
+        let image = image.map(Fixed::new).transpose().map_err(|unfit| refused("image", unfit.to_string()))?;
         for name in settings.transforms.iter().flat_map(|transforms| &transforms.names) {
-            Fixed::<20>::new(name).map_err(|unfit| misuse("transforms", unfit.to_string()))?;
+            Fixed::<20>::new(name).map_err(|unfit| refused("transforms", unfit.to_string()))?;
         }
         let name = settings.address.clone();
         let farewell = match settings.transforms {
@@ -189,7 +191,7 @@ impl Client {
         if !is_picture {
             let Image { size, part, .. } = image;
             self.trouble =
-                format!("{device} is a part of {part:?} of {size:?} voxels and no whole slice; choose another image");
+                format!("{device} is a part of {part:?} of {size:?} voxels, not a whole slice; choose another image");
             return None;
         }
         if let (Some(last), Some(number)) = (self.last_number, frame_number) {
@@ -256,7 +258,7 @@ impl Protocol for Client {
             }
         }
         (self.lost.refused, self.lost.skipped) = (self.decoder.refused(), self.decoder.skipped());
-        self.broken = outcome.err().map(|why| format!("sends what is no OpenIGTLink: {why}"));
+        self.broken = outcome.err().map(|why| format!("does not send OpenIGTLink: {why}"));
     }
 
     fn patience_ns(&self) -> i64 {

@@ -56,7 +56,7 @@ impl<'a> Cursor<'a> {
     pub(super) fn slice(&mut self, field: &str, length: usize) -> Result<&'a [u8], Trouble> {
         let Some((taken, rest)) = self.bytes.split_at_checked(length) else {
             let left = self.bytes.len();
-            let problem = format!("{field} needs {length} bytes and {left} are left; send it whole");
+            let problem = format!("{field} needs {length} bytes, but {left} are left; send the whole message");
             return self.trouble(Fault::Length, problem);
         };
         self.bytes = rest;
@@ -89,7 +89,7 @@ impl<'a> Cursor<'a> {
     pub(super) fn name<const N: usize>(&mut self, field: &str) -> Result<Fixed<N>, Trouble> {
         let offset = self.offset;
         Fixed::read(&self.array(field)?).map_err(|at| {
-            let problem = format!("{field} is no text; write UTF-8 without control characters");
+            let problem = format!("{field} is not text; send UTF-8 without control characters");
             Trouble { fault: Fault::Field, offset: offset + at, problem }
         })
     }
@@ -98,7 +98,7 @@ impl<'a> Cursor<'a> {
     pub(super) fn end(&self, of: &str) -> Result<(), Trouble> {
         match self.bytes.len() {
             0 => Ok(()),
-            left => self.trouble(Fault::Length, format!("{left} bytes follow {of}; leave them out")),
+            left => self.trouble(Fault::Length, format!("{left} bytes follow {of}; remove them")),
         }
     }
 }

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
+use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
-use sonoweave_core::{Device, Error};
 
 use super::client::{Client, RemoteSettings};
+use crate::Error;
 use crate::connection::Connection;
 use crate::transport::TcpOpener;
 use crate::{Driver, Listing, OpenSettings};
@@ -20,7 +21,7 @@ impl RemoteDriver {
     /// Opens a server with the given clock, which must advance by itself.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for invalid settings.
+    /// [`Error::Setting`] for invalid settings.
     pub fn open_with(settings: &RemoteSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let client = Client::new(settings.clone())?;
         let opener = TcpOpener::new(&settings.address, Arc::clone(&clock));
@@ -51,7 +52,7 @@ impl Driver for RemoteDriver {
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         match settings {
             OpenSettings::Remote(settings) => Self::open_with(settings, Arc::new(Monotonic)),
-            _ => Err(Error::Misuse("these settings are not an OpenIGTLink server's".into())),
+            _ => Err(Error::OtherDriver(self.name())),
         }
     }
 }
@@ -81,20 +82,24 @@ mod tests {
 
     #[test]
     fn invalid_settings_are_refused() {
-        let refused = |settings| RemoteDriver.open(&OpenSettings::Remote(settings)).err().unwrap().to_string();
+        let refused = |settings| match RemoteDriver.open(&OpenSettings::Remote(settings)).err().unwrap() {
+            Error::Setting { device: "remote", setting, problem } => (setting, problem),
+            other => panic!("{other}"),
+        };
         let transforms = Some(super::super::RemoteTransforms::default());
         for address in ["", "plus", ":18944", "plus:", "plus:99999"] {
-            let why =
-                refused(RemoteSettings { address: address.into(), transforms: transforms.clone(), pictures: None });
-            assert!(why.starts_with("remote.address: ") && why.contains("HOST:PORT"), "{why}");
+            let settings = RemoteSettings { address: address.into(), transforms: transforms.clone(), pictures: None };
+            let (setting, why) = refused(settings);
+            assert!(setting == "address" && why.contains("HOST:PORT"), "{why}");
         }
         let address = "plus:18944".to_owned();
-        let why = refused(RemoteSettings { address: address.clone(), ..RemoteSettings::default() });
-        assert!(why.contains("neither pictures nor transforms"), "{why}");
+        let (_, why) = refused(RemoteSettings { address: address.clone(), ..RemoteSettings::default() });
+        assert_eq!(why, "neither pictures nor transforms are requested; request one of them");
         let names = vec!["AVeryLongNameOfAFrameToTracker".to_owned()];
         let transforms = Some(super::super::RemoteTransforms { names, interval_ms: 0 });
-        let why = refused(RemoteSettings { address, transforms, pictures: None });
-        assert!(why.starts_with("remote.transforms: ") && why.contains("30 bytes where 20 fit"), "{why}");
-        assert!(RemoteDriver.open(&OpenSettings::sequence("x.mha")).is_err());
+        let (setting, why) = refused(RemoteSettings { address, transforms, pictures: None });
+        assert!(setting == "transforms" && why.contains("has 30 bytes"), "{why}");
+        let other = RemoteDriver.open(&OpenSettings::sequence("x.mha")).err();
+        assert!(matches!(other, Some(Error::OtherDriver(_))));
     }
 }

@@ -60,7 +60,7 @@ pub(super) fn read(body: &[u8], offset: usize) -> Result<Parts<'_>, Trouble> {
     let mut fields = Cursor::new(body, offset);
     let size = usize::from(fields.u16("the extended header's size")?);
     if size < EXTENDED || size > body.len() {
-        let problem = format!("the extended header's size is {size} where {EXTENDED} to {} fit", body.len());
+        let problem = format!("the extended header's size is {size}, not {EXTENDED} to {}", body.len());
         return Err(Trouble { fault: Fault::Field, offset, problem });
     }
     let index_bytes = usize::from(fields.u16("the metadata's header's size")?);
@@ -69,7 +69,7 @@ pub(super) fn read(body: &[u8], offset: usize) -> Result<Parts<'_>, Trouble> {
     let behind = index_bytes as u64 + u64::from(data_bytes);
     let Some(content_bytes) = ((body.len() - size) as u64).checked_sub(behind) else {
         let left = body.len() - size;
-        let problem = format!("the metadata take {behind} bytes and {left} follow the extended header");
+        let problem = format!("the metadata take {behind} bytes, but {left} follow the extended header");
         return Err(Trouble { fault: Fault::Length, offset: offset + 2, problem });
     };
     // At most the length of the body.
@@ -86,7 +86,7 @@ fn read_metadata(mut index: Cursor<'_>, mut data: Cursor<'_>) -> Result<Vec<Datu
     }
     let count = usize::from(index.u16("the number of metadata")?);
     if index.left() != 8 * count {
-        let problem = format!("{count} metadata take {} bytes of header, and there are {}", 8 * count, index.left());
+        let problem = format!("{count} metadata take {} bytes of header, but there are {}", 8 * count, index.left());
         return index.trouble(Fault::Length, problem);
     }
     let mut metadata = Vec::with_capacity(count);

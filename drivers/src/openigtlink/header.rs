@@ -5,6 +5,9 @@ use crc::{CRC_64_ECMA_182, Crc, Table};
 use super::cursor::{Cursor, Fault, Trouble};
 use super::fixed::Fixed;
 
+/// Remedy for bytes that are not a message.
+pub(super) const CHECK_SENDER: &str = "check that the sender speaks OpenIGTLink";
+
 /// Bytes of a header.
 pub const HEADER: usize = 58;
 
@@ -77,8 +80,7 @@ impl Header {
             1 => Version::One,
             2 => Version::Two,
             other => {
-                let problem =
-                    format!("the header's version is {other} where there are 1 and 2; is this OpenIGTLink at all?");
+                let problem = format!("the header's version is {other}, not 1 or 2; {CHECK_SENDER}");
                 return Err(Trouble { fault: Fault::Header, offset: 0, problem });
             }
         };
@@ -90,7 +92,7 @@ impl Header {
             .or_else(|| (letters == 0).then_some(0))
             .or_else(|| name[letters..].iter().position(|byte| *byte != 0).map(|at| at + letters));
         let (kind, None) = (Fixed::read(&name).unwrap_or(Fixed::EMPTY), wrong) else {
-            let problem = "the type is no name of letters; is this OpenIGTLink at all?".into();
+            let problem = format!("the type is not a name in ASCII; {CHECK_SENDER}");
             return Err(Trouble { fault: Fault::Header, offset: 2 + wrong.unwrap_or(0), problem });
         };
         let device = fields.name("the device's name").map_err(|trouble| Trouble { fault: Fault::Header, ..trouble })?;

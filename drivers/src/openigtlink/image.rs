@@ -139,25 +139,25 @@ impl Image {
         };
         let version = fields.u16("the image's version")?;
         if version != VERSION {
-            return wrong(&fields, 2, format!("the image's version is {version} where there is {VERSION} alone"));
+            return wrong(&fields, 2, format!("the image's version is {version}, not {VERSION}"));
         }
         let channels = fields.u8("the number of channels")?;
         if channels == 0 {
-            return wrong(&fields, 1, "an image has at least one channel".into());
+            return wrong(&fields, 1, "an image needs at least one channel".into());
         }
         let scalar = fields.u8("the scalar type")?;
         let Some(pixel) = pixel(scalar) else {
-            let problem = format!("the scalar type is {scalar}, and is one of 2 to 7, 10 and 11");
+            let problem = format!("the scalar type is {scalar}; it must be 2 to 7, 10 or 11");
             return wrong(&fields, 1, problem);
         };
         let endian = fields.u8("the byte order")?;
         if !matches!(endian, 1 | 2) {
-            return wrong(&fields, 1, format!("the byte order is {endian}, and is 1 for big or 2 for little"));
+            return wrong(&fields, 1, format!("the byte order is {endian}; it must be 1 (big) or 2 (little)"));
         }
         let coordinates = match fields.u8("the coordinates")? {
             1 => Coordinates::Ras,
             2 => Coordinates::Lps,
-            other => return wrong(&fields, 1, format!("the coordinates are {other}, and are 1 for RAS or 2 for LPS")),
+            other => return wrong(&fields, 1, format!("the coordinates are {other}; they must be 1 (RAS) or 2 (LPS)")),
         };
         let mut three = |field: &str| Ok::<_, Trouble>([fields.u16(field)?, fields.u16(field)?, fields.u16(field)?]);
         let size = three("the size")?;
@@ -175,7 +175,7 @@ impl Image {
         let mut image = Self { channels, pixel, little_endian, coordinates, size, matrix, first, part, pixels };
         let promised = image.promised();
         if promised != fields.left() as u64 {
-            let problem = format!("{part:?} voxels take {promised} bytes, and {} are there", fields.left());
+            let problem = format!("{part:?} voxels take {promised} bytes, but there are {}", fields.left());
             return fields.trouble(Fault::Length, problem);
         }
         image.pixels = fields.slice("the pixels", fields.left())?.into();
@@ -183,17 +183,12 @@ impl Image {
     }
 
     pub(super) fn write(&self, out: &mut Vec<u8>) -> Result<(), Unwritable> {
-        let Some(scalar) = code(self.pixel) else {
-            return Err(Unwritable::Pixels(format!("{:?} is not among the protocol's types", self.pixel)));
-        };
+        let scalar = code(self.pixel).ok_or(Unwritable::PixelType(self.pixel))?;
         let within =
             (0..3).all(|axis| u32::from(self.first[axis]) + u32::from(self.part[axis]) <= u32::from(self.size[axis]));
         if self.channels == 0 || !within || self.promised() != self.pixels.len() as u64 {
-            let Self { channels, pixel, size, first, part, pixels, .. } = self;
-            let bytes = pixels.len();
-            return Err(Unwritable::Pixels(format!(
-                "{bytes} bytes are not a box of {part:?} from {first:?} of {size:?} voxels of {channels} channels of {pixel:?}"
-            )));
+            let Self { channels, pixel, size, first, part, .. } = *self;
+            return Err(Unwritable::Part { bytes: self.pixels.len(), first, part, size, channels, pixel });
         }
         out.reserve(FIELDS + self.pixels.len());
         out.extend_from_slice(&VERSION.to_be_bytes());

@@ -58,7 +58,7 @@ impl Position {
             24 => 6,
             28 => 7,
             other => {
-                let problem = format!("a position takes 12, 24 or 28 bytes, and {other} are there");
+                let problem = format!("a position takes 12, 24 or 28 bytes, not {other}");
                 return fields.trouble(Fault::Length, problem);
             }
         };
@@ -143,7 +143,7 @@ impl Tool {
     pub(super) fn read_all(mut fields: Cursor<'_>) -> Result<Vec<Self>, Trouble> {
         let bytes = fields.left();
         if !bytes.is_multiple_of(TOOL) {
-            let problem = format!("a tracked thing takes {TOOL} bytes, and {bytes} are no multiple of it");
+            let problem = format!("a tool takes {TOOL} bytes, and {bytes} is not a multiple of it");
             return fields.trouble(Fault::Length, problem);
         }
         let mut tools = Vec::with_capacity(bytes / TOOL);
@@ -156,7 +156,7 @@ impl Tool {
                 3 => ToolKind::Three,
                 4 => ToolKind::Five,
                 other => {
-                    let problem = format!("the kind of a tracked thing is {other}, and is 1 to 4");
+                    let problem = format!("the kind of a tool is {other}; it must be 1 to 4");
                     return Err(Trouble { fault: Fault::Field, offset, problem });
                 }
             };

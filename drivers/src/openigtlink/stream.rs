@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use super::cursor::{Fault, Trouble};
-use super::header::{HEADER, Header, checksum};
+use super::header::{CHECK_SENDER, HEADER, Header, checksum};
 use super::message::Message;
 
 /// Size limits.
@@ -178,17 +178,13 @@ impl Decoder {
         match Header::read(&self.header) {
             Err(trouble) => self.break_off(None, trouble),
             Ok(header) if header.body > self.limits.passed => {
-                let problem = format!(
-                    "the body's size is {}, and no more than {} can be; is this OpenIGTLink at all?",
-                    header.body, self.limits.passed
-                );
+                let (bytes, most) = (header.body, self.limits.passed);
+                let problem = format!("the body's size is {bytes}, more than the limit of {most}; {CHECK_SENDER}");
                 self.break_off(Some(&header), Trouble { fault: Fault::Header, offset: 42, problem });
             }
             Ok(header) if header.body > self.limits.body => {
-                let problem = format!(
-                    "a body of {} bytes is more than the {} that are taken; send less",
-                    header.body, self.limits.body
-                );
+                let (bytes, most) = (header.body, self.limits.body);
+                let problem = format!("the body's size is {bytes}, more than the limit of {most}; send less");
                 let trouble = Trouble { fault: Fault::TooLarge, offset: 42, problem };
                 let refused = self.refuse(Some(&header), trouble, HEADER as u64 + header.body);
                 found(Event::Refused(refused));
@@ -205,10 +201,8 @@ impl Decoder {
         let read = if made == header.checksum {
             Message::read(header, body)
         } else {
-            let problem = format!(
-                "the checksum is {:016x}, and that of what came is {made:016x}; it was damaged on its way: send it again",
-                header.checksum
-            );
+            let stated = header.checksum;
+            let problem = format!("the checksum is {stated:016x}, but the body has {made:016x}; send it again");
             Err(Trouble { fault: Fault::Checksum, offset: 50, problem })
         };
         found(match read {

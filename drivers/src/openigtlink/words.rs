@@ -77,7 +77,7 @@ pub(super) fn write_text(text: &Text, out: &mut Vec<u8>) -> Result<(), Unwritabl
 pub(super) fn read_types(mut fields: Cursor<'_>) -> Result<Vec<Fixed<12>>, Trouble> {
     let bytes = fields.left();
     if !bytes.is_multiple_of(12) {
-        let problem = format!("a type takes 12 bytes, and {bytes} are no multiple of it");
+        let problem = format!("a type takes 12 bytes, and {bytes} is not a multiple of it");
         return fields.trouble(Fault::Length, problem);
     }
     let mut types = Vec::with_capacity(bytes / 12);

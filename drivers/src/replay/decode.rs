@@ -13,14 +13,13 @@ use std::collections::VecDeque;
 use std::str::FromStr;
 
 use formats::session::LineProtocol;
-use sonoweave_core::Error;
 use sonoweave_core::reading::{Raw, Reading};
 
-use crate::OpenSettings;
 use crate::arm::microscribe::{self, Family};
 use crate::arm::{self, ea1, qsb};
 use crate::connection::{Protocol, number};
 use crate::tracker::polhemus::{self, Line, Port, fastrak, isotrak, liberty, viper};
+use crate::{Error, OpenSettings};
 
 fn joined<T: ToString>(values: &[T]) -> String {
     values.iter().map(T::to_string).collect::<Vec<_>>().join(" ")
@@ -128,11 +127,8 @@ impl Decoders<'_> {
     }
 
     fn refused(&self, name: &str) -> Error {
-        Error::Misuse(format!(
-            "a session's {} has {name} {:?}, which is none; replay its readings instead of decoding its bytes anew",
-            self.0.protocol,
-            self.said(name)
-        ))
+        let (setting, value) = (name.to_owned(), self.said(name).to_owned());
+        Error::Recorded { protocol: self.0.protocol.clone(), setting, value }
     }
 
     /// Creates a decoder for each line.
@@ -179,9 +175,8 @@ impl Decoders<'_> {
             "liberty" | "patriot" => one(liberty::Unit::new(name, tracker()?, line()?)?),
             "viper" => one(viper::Unit::new(name, tracker()?, line()?)?),
             other => {
-                return Err(Error::Misuse(format!(
-                    "a session's {name} speaks {other:?}, which is not known to this version; replay its readings instead of decoding its bytes anew"
-                )));
+                let (protocol, setting) = (name.to_owned(), "protocol".to_owned());
+                return Err(Error::Recorded { protocol, setting, value: other.to_owned() });
             }
         })
     }
@@ -240,8 +235,8 @@ mod tests {
                 let mut wrong = speech.clone();
                 wrong.settings.retain(|(one, _)| one != name);
                 wrong.settings.push((name.clone(), "nonsense".into()));
-                let error = Decoders(&wrong).protocols("it").err().unwrap().to_string();
-                assert!(error.contains(name) && error.contains("instead of decoding"), "{error}");
+                let error = Decoders(&wrong).protocols("it").err().unwrap();
+                assert!(matches!(&error, Error::Recorded { setting, .. } if setting == name), "{error}");
             }
         }
         let settings = polhemus::Settings { stations: vec![1, 2], stylus: Some(2), ..polhemus::Settings::default() };
@@ -254,6 +249,7 @@ mod tests {
         }
         assert!(line_protocol(&OpenSettings::sequence("x")).is_none());
         let unknown = LineProtocol { protocol: "telepathy".into(), settings: Vec::new() };
-        assert!(Decoders(&unknown).protocols("it").err().unwrap().to_string().contains("telepathy"));
+        let error = Decoders(&unknown).protocols("it").err().unwrap();
+        assert!(matches!(error, Error::Recorded { value, .. } if value == "telepathy"));
     }
 }

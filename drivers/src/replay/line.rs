@@ -48,7 +48,7 @@ impl<P: Protocol> LineReplay<P> {
 impl<P: Protocol> Device for LineReplay<P> {
     fn start(&mut self) -> Result<(), Error> {
         if self.left.is_some() {
-            return Err(Error::Misuse("the replay of a line runs already; stop it first".into()));
+            return Err(Error::Running(self.describe().name.clone()));
         }
         self.left = Some((self.source)());
         self.protocol.reset();
@@ -67,7 +67,7 @@ impl<P: Protocol> Device for LineReplay<P> {
                 return Ok(Next::Reading(reading));
             }
             let Some(left) = &mut self.left else {
-                return Err(Error::Misuse("the replay of a line is stopped; start it first".into()));
+                return Err(Error::Stopped(self.protocol.describe().name.clone()));
             };
             let piece = match self.held.take() {
                 Some(piece) => piece,

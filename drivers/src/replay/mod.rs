@@ -17,9 +17,9 @@ use std::path::PathBuf;
 
 use formats::Limits;
 use formats::image::Told;
-use sonoweave_core::{Device, Error};
+use sonoweave_core::Device;
 
-use crate::{Driver, Listing, OpenSettings};
+use crate::{Driver, Error, Listing, OpenSettings};
 
 /// Opens sequence files.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl Driver for SequenceDriver {
 
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         let OpenSettings::Sequence(settings) = settings else {
-            return Err(Error::Misuse("these settings are not a sequence file's".into()));
+            return Err(Error::OtherDriver(self.name()));
         };
         Ok(Box::new(Replay::open(settings)?))
     }
@@ -122,7 +122,7 @@ impl Driver for SessionDriver {
 
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         let OpenSettings::Session(settings) = settings else {
-            return Err(Error::Misuse("these settings are not a session's".into()));
+            return Err(Error::OtherDriver(self.name()));
         };
         Ok(Box::new(SessionReplay::open(settings)?))
     }

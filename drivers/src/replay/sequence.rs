@@ -6,10 +6,11 @@ use std::io::{BufReader, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use formats::Error as FileError;
+use formats::image;
 use formats::image::layout::{Layout, ListAxis};
 use formats::image::sequence::{Item, Sequence};
 use formats::image::stream::PixelStream;
-use formats::image::{self, Content};
 use sonoweave_core::health::{Health, State as Well};
 use sonoweave_core::pool::Pool;
 use sonoweave_core::reading::{Frame, NamedTransform, Reading, Stamp};
@@ -22,7 +23,6 @@ use crate::replay::{Pacer, Progress, SequenceSettings};
 ///
 /// Memory: the header, and one frame for each that the consumer holds (at least one).
 pub struct Replay {
-    path: PathBuf,
     /// File of the pixels, which may differ from the header's.
     data_path: PathBuf,
     images: bool,
@@ -65,18 +65,11 @@ impl Replay {
     /// reading.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no sequence or
-    /// its header is invalid. [`Error::Limit`] when it exceeds the limits of the settings.
-    pub fn open(settings: &SequenceSettings) -> Result<Self, Error> {
+    /// The errors of [`image::open_sequence`].
+    pub fn open(settings: &SequenceSettings) -> Result<Self, crate::Error> {
         let path = settings.path.clone();
-        let opened = image::open(&path, &settings.limits)?;
-        let layout = opened.layout;
-        if layout.content == Content::Volume {
-            let field = opened.header.kinds().unwrap_or(&layout.shape);
-            let why = "makes this a volume, not a sequence of frames (whose last axis is of kind list, or which has Seq_Frame… fields); give a sequence";
-            return Err(field.fault(why).at(&path));
-        }
-        let sequence = Sequence::new(opened.header, &layout).map_err(|fault| fault.at(&path))?;
+        let image::Opened { reader, data_path, header: sequence, layout } =
+            image::open_sequence(&path, &settings.limits)?;
         let description = Description {
             name: path.display().to_string(),
             items: Some(layout.layers),
@@ -86,11 +79,10 @@ impl Replay {
             timing: Timing::default(),
         };
         Ok(Self {
-            path,
-            data_path: opened.data_path,
+            data_path,
             images: settings.images,
             told: settings.told.clone(),
-            file: opened.reader.into_inner(),
+            file: reader.into_inner(),
             pool: Pool::new(layout.layer_bytes),
             layout,
             sequence,
@@ -104,16 +96,16 @@ impl Replay {
     fn begin(&mut self) -> Result<(), Error> {
         let mut pixels = Pixels::None;
         if self.images && self.layout.has_images() {
-            let failed = |source| Error::Io { path: self.data_path.clone(), doing: "going to the first frame", source };
+            let path = &self.data_path;
+            let failed = |source| FileError::Io { path: path.clone(), doing: "going to the first frame", source };
             let mut file = self.file.try_clone().map_err(failed)?;
             file.seek(SeekFrom::Start(self.layout.data_at)).map_err(failed)?;
             let reader = BufReader::with_capacity(image::BUFFER, file);
             pixels = match self.layout.list {
-                ListAxis::Last => Pixels::Stream(Box::new(PixelStream::new(reader, &self.layout))),
-                ListAxis::First => Pixels::Held(
-                    image::transposed::frames(reader, &self.layout, self.told.0.as_ref())
-                        .map_err(|trouble| image::trouble_at(trouble, &self.data_path))?,
-                ),
+                ListAxis::Last => Pixels::Stream(Box::new(PixelStream::new(reader, path, &self.layout))),
+                ListAxis::First => {
+                    Pixels::Held(image::transposed::frames(reader, path, &self.layout, self.told.0.as_ref())?)
+                }
             };
         }
         self.state = State::Running { item: 0, given: 0, pixels };
@@ -124,11 +116,8 @@ impl Replay {
         let State::Running { item: index, given, pixels } = &mut self.state else {
             return match self.state {
                 State::Ended => Ok(Next::End),
-                State::Failed => Err(Error::Misuse(format!(
-                    "{}: no reading follows an error; start the replay again to read from the beginning",
-                    self.path.display()
-                ))),
-                _ => Err(Error::Misuse(format!("{}: the replay is stopped; start it first", self.path.display()))),
+                State::Failed => Err(Error::Failed(self.description.name.clone())),
+                _ => Err(Error::Stopped(self.description.name.clone())),
             };
         };
         if *index == self.layout.layers {
@@ -159,10 +148,7 @@ impl Replay {
         }
         let pixels = match pixels {
             Pixels::None => Arc::default(),
-            Pixels::Stream(stream) => self
-                .pool
-                .fill(|pixels| stream.read(pixels))
-                .map_err(|trouble| image::trouble_at(trouble, &self.data_path))?,
+            Pixels::Stream(stream) => self.pool.fill(|pixels| stream.read(pixels))?,
             Pixels::Held(all) => {
                 let bytes = self.layout.layer_bytes;
                 Arc::from(&all[*index as usize * bytes..][..bytes])
@@ -192,7 +178,7 @@ fn frame(sequence: &Sequence, layout: &Layout, item: &Item, stamp: Stamp, pixels
 impl Device for Replay {
     fn start(&mut self) -> Result<(), Error> {
         if matches!(self.state, State::Running { .. }) {
-            return Err(Error::Misuse(format!("{}: the replay runs already; stop it first", self.path.display())));
+            return Err(Error::Running(self.description.name.clone()));
         }
         self.begin()?;
         self.pacer.rewind();

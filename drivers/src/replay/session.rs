@@ -3,11 +3,12 @@
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 
+use formats::session::Maker;
 use formats::session::about::RecordedDevice;
-use formats::session::message::{Maker, Unreadable};
 use formats::session::reader::{Ending, Event, SessionReader};
 use formats::session::schema;
 use formats::session::walk::Damage;
+use formats::{Error as FileError, Unreadable};
 use sonoweave_core::health::{Health, State};
 use sonoweave_core::reading::Reading;
 use sonoweave_core::{Description, Device, Error, Next};
@@ -48,10 +49,10 @@ impl SessionReplay {
     /// Opens the file, and reads the device descriptions that precede the first reading.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read. [`Error::Session`] when it is no session or
-    /// begins with damage. [`Error::Misuse`] when the requested device is not among the first
-    /// descriptions.
-    pub fn open(settings: &SessionSettings) -> Result<Self, Error> {
+    /// [`FileError::Io`] when the file cannot be read, [`FileError::NoSession`] when it is no
+    /// session, [`FileError::Damaged`] when it begins with damage. [`crate::Error::NoDevice`] when
+    /// the requested device is not among the first descriptions.
+    pub fn open(settings: &SessionSettings) -> Result<Self, crate::Error> {
         let mut replay = Self {
             maker: Maker::new(settings.images, settings.limits.frame_bytes),
             pacer: Pacer::new(settings.pace),
@@ -102,7 +103,7 @@ impl SessionReplay {
     }
 
     /// Reads the device descriptions before the first reading.
-    fn survey(&mut self) -> Result<(), Error> {
+    fn survey(&mut self) -> Result<(), crate::Error> {
         let mut reader = SessionReader::open(&self.settings.path, &self.settings.limits)?;
         loop {
             match reader.next_event()? {
@@ -115,7 +116,9 @@ impl SessionReplay {
                         break;
                     }
                 }
-                Some(Event::Damage(damage)) if damage.is_loss => return Err(damaged(&self.settings.path, &damage)),
+                Some(Event::Damage(damage)) if damage.is_loss => {
+                    return Err(damaged(&self.settings.path, damage).into());
+                }
                 Some(Event::Damage(_)) => {}
                 None => break,
             }
@@ -123,12 +126,8 @@ impl SessionReplay {
         if let Some(wanted) = &self.settings.device
             && !self.devices.iter().any(|device| device.name == *wanted)
         {
-            let names: Vec<&str> = self.devices.iter().map(|device| device.name.as_str()).collect();
-            return Err(Error::Misuse(format!(
-                "{}: has no device {wanted:?}; it has {}",
-                self.path().display(),
-                if names.is_empty() { "none".to_owned() } else { names.join(", ") }
-            )));
+            let known = self.devices.iter().map(|device| device.name.clone()).collect();
+            return Err(crate::Error::NoDevice { path: self.path().to_owned(), wanted: wanted.clone(), known });
         }
         Ok(())
     }
@@ -158,13 +157,13 @@ impl SessionReplay {
     fn read(&mut self) -> Result<bool, Error> {
         loop {
             let Some(reader) = &mut self.reader else {
-                return Err(Error::Misuse(format!("{}: the replay is stopped; start it first", self.path().display())));
+                return Err(Error::Stopped(self.path().display().to_string()));
             };
             let message = match reader.next_event()? {
                 Some(Event::Message(message)) => message,
                 Some(Event::Damage(damage)) => {
                     if damage.is_loss && !reaches_the_end(&self.settings.path, &damage) {
-                        return Err(damaged(&self.settings.path, &damage));
+                        return Err(damaged(&self.settings.path, damage).into());
                     }
                     continue;
                 }
@@ -180,14 +179,8 @@ impl SessionReplay {
                 continue;
             }
             let Some(schema) = channel.known else {
-                return Err(Error::Session {
-                    path: self.settings.path.clone(),
-                    offset: 0,
-                    problem: format!(
-                        "{} holds messages {:?}, which are not known to this version; use the version that wrote the session",
-                        channel.topic, channel.schema
-                    ),
-                });
+                let (topic, schema) = (channel.topic.clone(), channel.schema.clone());
+                return Err(FileError::UnknownMessages { path: self.settings.path.clone(), topic, schema }.into());
             };
             let name = channel.device();
             if self.settings.device.is_some() && name != self.settings.device.as_deref() {
@@ -247,25 +240,18 @@ fn reaches_the_end(path: &Path, damage: &Damage) -> bool {
     std::fs::metadata(path).is_ok_and(|file| damage.until >= file.len())
 }
 
-fn damaged(path: &Path, damage: &Damage) -> Error {
-    Error::Session {
-        path: path.to_owned(),
-        offset: damage.from,
-        problem: format!(
-            "{}, up to byte {}; `sonoweave inspect FILE --repair OUT` writes what is whole and says what is missing",
-            damage.what, damage.until
-        ),
-    }
+fn damaged(path: &Path, damage: Damage) -> FileError {
+    FileError::Damaged { path: path.to_owned(), damage }
 }
 
-fn unreadable(path: &Path, why: Unreadable) -> Error {
-    Error::Session { path: path.to_owned(), offset: 0, problem: why.to_string() }
+fn unreadable(path: &Path, source: Unreadable) -> FileError {
+    FileError::Message { path: path.to_owned(), source }
 }
 
 impl Device for SessionReplay {
     fn start(&mut self) -> Result<(), Error> {
         if self.reader.is_some() {
-            return Err(Error::Misuse(format!("{}: the replay runs already; stop it first", self.path().display())));
+            return Err(Error::Running(self.path().display().to_string()));
         }
         let reader = SessionReader::open(&self.settings.path, &self.settings.limits)?;
         self.pacer.rewind();
@@ -282,10 +268,7 @@ impl Device for SessionReplay {
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         if self.found.is_empty() {
             if self.reader.is_none() && self.health.state == State::Ended {
-                return Err(Error::Misuse(format!(
-                    "{}: no reading follows an error; start the replay again to read from the beginning",
-                    self.path().display()
-                )));
+                return Err(Error::Failed(self.path().display().to_string()));
             }
             match self.read() {
                 Ok(true) => {}

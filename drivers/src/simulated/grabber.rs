@@ -70,19 +70,23 @@ impl Grabber {
     /// Creates a grabber of images of `size`, at `rate_hz`.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for a size or a rate that no grabber has.
+    /// [`crate::Error::Setting`] for a size or a rate that no grabber has.
     pub fn new(
         pictures: Pictures,
         size: [u32; 2],
         rate_hz: f64,
         faults: Faults,
         clock: Arc<dyn Clock>,
-    ) -> Result<Self, Error> {
-        if size.iter().any(|side| !(1..=16_384).contains(side)) || !(0.1..=1000.0).contains(&rate_hz) {
-            return Err(Error::Misuse(format!(
-                "a virtual grabber of {}×{} pixels at {rate_hz} frames a second; give sides of 1 to 16384 and a rate of 0.1 to 1000",
-                size[0], size[1]
-            )));
+    ) -> Result<Self, crate::Error> {
+        let refused = |setting, problem: String| Err(crate::Error::setting("grabber", setting, problem));
+        if size.iter().any(|side| !(1..=16_384).contains(side)) {
+            return refused(
+                "size",
+                format!("{}×{} pixels are not possible; give sides of 1 to 16384", size[0], size[1]),
+            );
+        }
+        if !(0.1..=1000.0).contains(&rate_hz) {
+            return refused("rate_hz", format!("{rate_hz} frames a second are not possible; give 0.1 to 1000"));
         }
         let timing = Timing {
             ticks: Ticks::Measurements,
@@ -189,7 +193,7 @@ impl Grabber {
 impl Device for Grabber {
     fn start(&mut self) -> Result<(), Error> {
         if self.running {
-            return Err(Error::Misuse("a virtual grabber: runs already; stop it first".into()));
+            return Err(Error::Running(self.description.name.clone()));
         }
         self.running = true;
         self.health.enter(State::Absent, "not opened yet", self.clock.now_ns());
@@ -198,7 +202,7 @@ impl Device for Grabber {
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         if !self.running {
-            return Err(Error::Misuse("a virtual grabber: is stopped; start it first".into()));
+            return Err(Error::Stopped(self.description.name.clone()));
         }
         loop {
             let now_ns = self.clock.now_ns();
@@ -363,6 +367,6 @@ mod tests {
         grabber.stop().unwrap();
         assert!(grabber.next(0).is_err() && grabber.start().is_ok());
         let none = Grabber::new(Box::new(|_, _| {}), [0, 4], 25.0, Faults::default(), Arc::new(clock)).err().unwrap();
-        assert!(none.to_string().contains("give sides"), "{none}");
+        assert!(matches!(none, crate::Error::Setting { setting: "size", .. }), "{none}");
     }
 }

@@ -37,6 +37,9 @@ pub enum LineError {
     /// The device is not present.
     #[error("is not there: {0}; plug it in")]
     Absent(String),
+    /// The user may not open the device.
+    #[error("cannot be opened: {DENIED}")]
+    Denied,
     /// The device is present but cannot be opened.
     #[error("cannot be opened: {0}")]
     Refused(String),
@@ -44,7 +47,7 @@ pub enum LineError {
     #[error("was unplugged or switched off: {0}")]
     Gone(String),
     /// The device is present but accepts no bytes.
-    #[error("does not take what is sent to it; switch it off and on")]
+    #[error("does not accept data; switch it off and on")]
     Stuck,
     /// Any other error, with the system's reason.
     #[error("{0}")]
@@ -89,8 +92,8 @@ pub trait Opener: Send {
     /// Opens the line.
     ///
     /// # Errors
-    /// [`LineError::Absent`] if the device is not present. [`LineError::Refused`] if it is
-    /// present but cannot be opened, with the remedy.
+    /// [`LineError::Absent`] if the device is not present. [`LineError::Denied`] and
+    /// [`LineError::Refused`] if it is present but cannot be opened.
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError>;
 }
 
@@ -109,11 +112,10 @@ pub(crate) fn wait<const LINES: usize>(lines: [Option<BorrowedFd<'_>>; LINES], a
     }
 }
 
-/// Remedy if a device file may not be opened.
-const DENIED: &str =
-    "permission denied; install the udev rule that `sonoweave devices --udev` prints, and plug it in again";
+/// Reason and remedy if a device file may not be opened.
+pub const DENIED: &str = "permission denied; install the udev rules of sonoweave, and plug it in again";
 
-/// Returns why a device file may not be opened for reading and writing; `None` if it may.
-fn denied(file: &std::path::Path) -> Option<String> {
-    rustix::fs::access(file, Access::READ_OK | Access::WRITE_OK).is_err().then(|| DENIED.to_owned())
+/// Returns whether a device file may not be opened for reading and writing.
+fn denied(file: &std::path::Path) -> bool {
+    rustix::fs::access(file, Access::READ_OK | Access::WRITE_OK).is_err()
 }

@@ -96,7 +96,7 @@ pub fn list() -> Vec<Listing> {
             };
             let id = lasting_name(path).unwrap_or_else(|| port.port_name.clone());
             let description = format!("{of}, {}", port.port_name);
-            Listing { id, description, unavailable: super::denied(path) }
+            Listing { id, description, unavailable: super::denied(path).then(|| super::DENIED.to_owned()) }
         })
         .collect();
     found.sort_by(|a, b| a.id.cmp(&b.id));
@@ -123,8 +123,8 @@ fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     if !path.exists() {
         return LineError::Absent("no such file".into());
     }
-    if let Some(denied) = super::denied(path) {
-        return LineError::Refused(denied);
+    if super::denied(path) {
+        return LineError::Denied;
     }
     // The crate reports the system's reason only as text.
     let said = error.to_string();

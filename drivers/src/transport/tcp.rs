@@ -28,20 +28,21 @@ const WRITE: i64 = 500 * MS;
 pub struct TcpOpener {
     address: String,
     clock: Arc<dyn Clock>,
-    attempt: Option<Receiver<Result<TcpStream, String>>>,
+    attempt: Option<Receiver<Result<TcpStream, LineError>>>,
     failed: u32,
     not_before_ns: i64,
-    why: String,
+    /// Reason of the last failure.
+    why: LineError,
 }
 
 impl TcpOpener {
     /// Creates an opener for the server `HOST:PORT`; times come from `clock`.
     pub fn new(address: &str, clock: Arc<dyn Clock>) -> Self {
-        let why = "it is being connected to".into();
+        let why = LineError::Refused("the connection is being established".into());
         Self { address: address.into(), clock, attempt: None, failed: 0, not_before_ns: i64::MIN, why }
     }
 
-    fn begin(&self) -> Receiver<Result<TcpStream, String>> {
+    fn begin(&self) -> Receiver<Result<TcpStream, LineError>> {
         let (told, outcome) = channel();
         let address = self.address.clone();
         let connecting = std::thread::Builder::new().name("connect".into()).spawn(move || {
@@ -50,26 +51,27 @@ impl TcpOpener {
         });
         if let Err(error) = connecting {
             let (told, outcome) = channel();
-            let _ = told.send(Err(format!("no thread to connect by: {error}")));
+            let _ = told.send(Err(LineError::Failed(format!("cannot start a thread to connect: {error}"))));
             return outcome;
         }
         outcome
     }
 }
 
-fn connect(address: &str) -> Result<TcpStream, String> {
-    let addresses = address.to_socket_addrs().map_err(|error| format!("{error}; is the name right?"))?;
-    let mut why = "the name has no address; is it right?".to_owned();
+fn connect(address: &str) -> Result<TcpStream, LineError> {
+    let refused = |error: std::io::Error, advice| LineError::Refused(format!("{error}; {advice}"));
+    let addresses = address.to_socket_addrs().map_err(|error| refused(error, "check the name"))?;
+    let mut why = LineError::Refused("the name has no address; check it".into());
     for address in addresses {
         match TcpStream::connect_timeout(&address, CONNECT) {
             Ok(stream) => {
-                stream.set_nonblocking(true).map_err(|error| error.to_string())?;
+                stream.set_nonblocking(true).map_err(|error| LineError::Failed(error.to_string()))?;
                 // Requests are short and must not be delayed; if this is refused, they are
                 // delayed.
                 let _ = stream.set_nodelay(true);
                 return Ok(stream);
             }
-            Err(error) => why = format!("{error}; does the server run there?"),
+            Err(error) => why = refused(error, "check that the server runs there"),
         }
     }
     Err(why)
@@ -84,13 +86,15 @@ impl Opener for TcpOpener {
         let now_ns = self.clock.now_ns();
         if self.attempt.is_none() {
             if now_ns < self.not_before_ns {
-                return Err(LineError::Refused(self.why.clone()));
+                return Err(self.why.clone());
             }
             self.attempt = Some(self.begin());
         }
         let outcome = match self.attempt.as_ref().map(Receiver::try_recv) {
-            Some(Err(TryRecvError::Empty)) | None => return Err(LineError::Refused(self.why.clone())),
-            Some(Err(TryRecvError::Disconnected)) => Err("the attempt to connect came to nothing".to_owned()),
+            Some(Err(TryRecvError::Empty)) | None => return Err(self.why.clone()),
+            Some(Err(TryRecvError::Disconnected)) => {
+                Err(LineError::Failed("the thread that connects has ended".into()))
+            }
             Some(Ok(outcome)) => outcome,
         };
         self.attempt = None;
@@ -107,7 +111,7 @@ impl Opener for TcpOpener {
                 self.failed += 1;
                 self.not_before_ns = now_ns + pause;
                 self.why.clone_from(&why);
-                Err(LineError::Refused(why))
+                Err(why)
             }
         }
     }

@@ -62,19 +62,17 @@ pub fn place(device: &DeviceInfo) -> String {
 /// Lists all devices of a vendor, with their products.
 ///
 /// # Errors
-/// The reason why USB cannot be enumerated.
-pub fn list(vendor: u16) -> Result<Vec<DeviceInfo>, String> {
-    match nusb::list_devices().wait() {
-        Ok(devices) => Ok(devices.filter(|device| device.vendor_id() == vendor).collect()),
-        Err(error) => Err(error.to_string()),
-    }
+/// [`LineError::Failed`] when the system cannot list USB devices.
+pub fn list(vendor: u16) -> Result<Vec<DeviceInfo>, LineError> {
+    let devices = nusb::list_devices().wait().map_err(|error| LineError::Failed(error.to_string()))?;
+    Ok(devices.filter(|device| device.vendor_id() == vendor).collect())
 }
 
 /// Returns why a device cannot be opened, judged by its file; the device is not accessed.
 pub fn unavailable(device: &DeviceInfo) -> Option<String> {
     let bus: u32 = device.bus_id().parse().ok()?;
     let file = format!("/dev/bus/usb/{bus:03}/{:03}", device.device_address());
-    super::denied(std::path::Path::new(&file))
+    super::denied(std::path::Path::new(&file)).then(|| super::DENIED.to_owned())
 }
 
 /// Opens a USB device.
@@ -102,7 +100,7 @@ impl Opener for UsbOpener {
     }
 
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
-        let all = list(self.id.vendor).map_err(LineError::Refused)?;
+        let all = list(self.id.vendor)?;
         let mut fitting = all.iter().filter(|device| self.id.is(device));
         let Some(info) = fitting.next() else {
             return Err(match self.id.advice(&all) {
@@ -112,12 +110,12 @@ impl Opener for UsbOpener {
         };
         if let (None, Some(_)) = (&self.id.which, fitting.next()) {
             return Err(LineError::Refused(
-                "there are several of its kind; say which by its serial number or its place".into(),
+                "several devices of its kind are connected; name one by its serial number or its place".into(),
             ));
         }
         let refused = |error: nusb::Error| match error.kind() {
             ErrorKind::Disconnected | ErrorKind::NotFound => LineError::Absent(error.to_string()),
-            ErrorKind::PermissionDenied => LineError::Refused(super::DENIED.into()),
+            ErrorKind::PermissionDenied => LineError::Denied,
             ErrorKind::Busy => LineError::Refused("another program or a kernel driver has it; close that".into()),
             _ => LineError::Refused(error.to_string()),
         };

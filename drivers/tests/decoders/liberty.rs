@@ -3,9 +3,10 @@
 use proptest::prelude::*;
 
 use drivers::framing::{Decoder, Refusal};
+use drivers::tracker::polhemus::ListError;
 use drivers::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Counter, Rate, Stations};
 use drivers::tracker::polhemus::liberty::text::{LibertyText, Line};
-use drivers::tracker::polhemus::liberty::{Header, Layout, Liberty, ListError, Pose, Record, Reply, Tag};
+use drivers::tracker::polhemus::liberty::{Header, Layout, Liberty, Pose, Record, Reply, Tag};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -65,9 +66,9 @@ fn frame_length_follows_output_list() {
     let all: Vec<u8> = (0..13).collect();
     assert_eq!(body(&all), Ok(1 + 2 + 12 + 12 + 12 + 12 + 36 + 16 + 5 * 4));
     assert_eq!(body(&[]), Ok(0));
-    assert_eq!(body(&[13]), Err(ListError::Unknown(13)));
-    assert_eq!(body(&[0; 33]), Err(ListError::TooMany(33)));
-    assert_eq!(body(&[6; 28]), Err(ListError::TooLong(1008)));
+    assert_eq!(body(&[13]), Err(ListError::Unknown { code: 13, known: "0 to 12" }));
+    assert_eq!(body(&[0; 33]), Err(ListError::TooMany { given: 33, most: 32 }));
+    assert_eq!(body(&[6; 28]), Err(ListError::TooLong { bytes: 1008, most: 1000 }));
 }
 
 #[test]

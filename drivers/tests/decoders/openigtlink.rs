@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use drivers::openigtlink::{
     Command, Content, Coordinates, Datum, Decoder, Event, Fault, Fixed, Image, Limits, Matrix, Message, Pace, Position,
-    Refused, Status, Subject, Text, TimeStamp, Tool, ToolKind, Version,
+    Refused, Status, Subject, Text, TimeStamp, Tool, ToolKind, Unwritable, Version,
 };
 use sonoweave_core::reading::PixelType;
 
@@ -140,19 +140,19 @@ fn empty_message_decodes_as_nothing() {
 
 #[test]
 fn oversized_content_is_not_written() {
-    let said = |content| Message::new(fixed("a"), TimeStamp(0), content).bytes().unwrap_err().to_string();
+    let refused = |content| Message::new(fixed("a"), TimeStamp(0), content).bytes().unwrap_err();
     let long = Text { encoding: 3, bytes: vec![b'a'; 65_536] };
-    assert!(said(Content::Text(long)).contains("65536 bytes of a STRING"));
+    assert!(matches!(refused(Content::Text(long)), Unwritable::TooMuch { what: "bytes of a STRING", size: 65_536 }));
     let mut image = Image::whole([2, 2, 1], (PixelType::U8, 1), vec![0; 4].into(), &[0.0; 16], Coordinates::Ras);
     image.part = [2, 1, 1];
-    assert!(said(Content::Image(image.clone())).contains("4 bytes are not a box of [2, 1, 1]"));
+    assert!(matches!(refused(Content::Image(image.clone())), Unwritable::Part { bytes: 4, part: [2, 1, 1], .. }));
     image.part = [3, 2, 1];
-    assert!(said(Content::Image(image.clone())).contains("not a box of [3, 2, 1]"));
+    assert!(matches!(refused(Content::Image(image.clone())), Unwritable::Part { part: [3, 2, 1], .. }));
     (image.part, image.pixel) = ([2, 2, 1], PixelType::I64);
-    assert!(said(Content::Image(image)).contains("I64"));
+    assert_eq!(refused(Content::Image(image)), Unwritable::PixelType(PixelType::I64));
     let metadata = vec![Datum::new("k", "v"); 8192];
     let many = Message { version: Version::Two, metadata, ..message(&bytes(vectors::STRING)) };
-    assert!(many.bytes().unwrap_err().to_string().contains("8192 metadata"));
+    assert!(matches!(many.bytes(), Err(Unwritable::TooMuch { size: 8192, .. })));
 }
 
 /// Returns a vector with some bytes replaced, and a corrected checksum.
@@ -173,18 +173,18 @@ fn invalid_field_is_refused_with_byte() {
         (with(vectors::IMAGE, 62, &[3]), Fault::Field, 62, "byte order is 3"),
         (with(vectors::IMAGE, 63, &[0]), Fault::Field, 63, "coordinates are 0"),
         (with(vectors::IMAGE, 118, &[0, 1]), Fault::Field, 118, "not within [4, 3, 2]"),
-        (with(vectors::IMAGE, 129, &[1]), Fault::Length, 130, "[4, 3, 1] voxels take 24 bytes, and 48 are there"),
+        (with(vectors::IMAGE, 129, &[1]), Fault::Length, 130, "[4, 3, 1] voxels take 24 bytes, but there are 48"),
         (with(vectors::IMAGE, 60, &[255, 11]), Fault::Length, 130, "take 48960 bytes"),
-        (with(vectors::TDATA, 78, &[9]), Fault::Field, 78, "kind of a tracked thing is 9"),
-        (with(vectors::TDATA, 58, &[1]), Fault::Field, 58, "name is no text"),
-        (with(vectors::STRING, 60, &[0xff]), Fault::Length, 62, "needs 65302 bytes and 22 are left"),
+        (with(vectors::TDATA, 78, &[9]), Fault::Field, 78, "kind of a tool is 9"),
+        (with(vectors::TDATA, 58, &[1]), Fault::Field, 58, "name is not text"),
+        (with(vectors::STRING, 60, &[0xff]), Fault::Length, 62, "needs 65302 bytes, but 22 are left"),
         (with(vectors::STRING, 61, &[1]), Fault::Length, 63, "21 bytes follow the text"),
         (with(vectors::COMMAND_3, 204, &[1]), Fault::Length, 208, "the command needs"),
         (with(vectors::TDATA_3, 58, &[0, 11]), Fault::Field, 58, "extended header's size is 11"),
-        (with(vectors::TDATA_3, 58, &[1, 24]), Fault::Field, 58, "12 to 279 fit"),
+        (with(vectors::TDATA_3, 58, &[1, 24]), Fault::Field, 58, "not 12 to 279"),
         (with(vectors::TDATA_3, 62, &[1]), Fault::Length, 60, "metadata take 16777273 bytes"),
         (with(vectors::TDATA_3, 281, &[3]), Fault::Length, 282, "3 metadata take 24 bytes"),
-        (with(vectors::TDATA_3, 283, &[0x12]), Fault::Length, 336, "needs 2 bytes and 1 are left"),
+        (with(vectors::TDATA_3, 283, &[0x12]), Fault::Length, 336, "needs 2 bytes, but 1 are left"),
         (with(vectors::TDATA_3, 298, &[0xff]), Fault::Field, 298, "not UTF-8"),
     ] {
         let why = refused(&wire);
@@ -195,6 +195,7 @@ fn invalid_field_is_refused_with_byte() {
     wire[57] ^= 1;
     let why = refused(&wire);
     assert_eq!((why.fault, why.offset), (Fault::Checksum, 50));
+    assert!(why.problem.ends_with("send it again"), "{why}");
     assert!(why.to_string().starts_with("POSITION of \"DeviceName\" at byte 0 of the stream, byte 50"), "{why}");
 }
 
@@ -204,10 +205,10 @@ fn invalid_header_breaks_stream() {
         (0, 1, "version is 257"),
         (1, 3, "version is 3"),
         (1, 0, "version is 0"),
-        (2, 0, "no name of letters"),
-        (4, 7, "no name of letters"),
-        (13, 65, "no name of letters"),
-        (14, 0xff, "device's name is no text"),
+        (2, 0, "not a name in ASCII"),
+        (4, 7, "not a name in ASCII"),
+        (13, 65, "not a name in ASCII"),
+        (14, 0xff, "device's name is not text"),
         (42, 1, "the body's size is 720575940379279"),
     ] {
         let mut wire = bytes(vectors::TRANSFORM);
@@ -223,7 +224,7 @@ fn invalid_header_breaks_stream() {
     }
     let (_, broken, _) =
         events(b"GET / HTTP/1.1\r\nHost: localhost:18944\r\nUser-Agent: curl/8.0.1\r\n\r\n", 9, Limits::default());
-    assert!(broken.unwrap().to_string().contains("is this OpenIGTLink at all?"));
+    assert!(broken.unwrap().to_string().contains("check that the sender speaks OpenIGTLink"));
 }
 
 #[test]
@@ -238,7 +239,7 @@ fn oversized_body_is_skipped_without_buffering() {
         assert!(decoder.pending() <= 158, "{}", decoder.pending());
     }
     let [Event::Message(..), Event::Refused(why), Event::Message(..)] = &found[..] else { panic!("{found:?}") };
-    assert!(why.fault == Fault::TooLarge && why.to_string().contains("100000 bytes is more than the 100"), "{why}");
+    assert!(why.fault == Fault::TooLarge && why.to_string().contains("100000, more than the limit of 100"), "{why}");
     assert_eq!((decoder.refused(), decoder.skipped()), (1, 100_058));
 }
 
@@ -374,7 +375,6 @@ proptest! {
         wire[at] ^= by;
         let why = refused(&wire);
         prop_assert_eq!(why.fault, Fault::Checksum);
-        prop_assert!(why.problem.contains("send it again"));
     }
 
     #[test]

@@ -14,6 +14,14 @@ use sonoweave_core::{Device, Next};
 /// Time at which every test begins, ns: not 0, so that nothing can rely on 0.
 pub(crate) const BEGIN: i64 = 123_456_789_000;
 
+/// Returns the setting that a unit refuses.
+pub(crate) fn refused_setting(refused: Option<drivers::Error>) -> &'static str {
+    match refused {
+        Some(drivers::Error::Setting { setting, .. }) => setting,
+        other => panic!("{other:?}"),
+    }
+}
+
 /// A driver with its twin.
 pub(crate) struct Rig<T, P> {
     pub(crate) twin: Arc<Mutex<T>>,

@@ -12,7 +12,7 @@ use sonoweave_core::health::State;
 use sonoweave_core::reading::{Pose, Status};
 use sonoweave_core::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, on_a_terminal, replays};
+use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays};
 
 /// Eighths of a ms along x before y increases.
 const FULL: i64 = 30_000;
@@ -304,8 +304,8 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
 
 #[test]
 fn impossible_settings_are_refused() {
-    let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
+    let refused = |settings: Settings| refused_setting(Unit::new("x", settings, None).err());
     for stations in [vec![], vec![0], vec![3], vec![2, 1], vec![1, 1]] {
-        assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));
+        assert_eq!(refused(Settings { stations, ..Settings::default() }), "stations");
     }
 }

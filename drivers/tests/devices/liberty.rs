@@ -11,7 +11,7 @@ use sonoweave_core::health::State;
 use sonoweave_core::reading::{Pose, Status};
 use sonoweave_core::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_told};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -231,7 +231,7 @@ fn unresponsive_unit_is_reset() {
         stubborn.readings(40 * SECOND);
         assert_eq!(stubborn.device.health().state, State::Silent);
         let why = &stubborn.device.health().why;
-        assert!(why.contains("goes on talking") && (on_usb || why.contains("used by USB")), "{why}");
+        assert!(why.contains("does not stop sending") && (on_usb || why.contains("used by USB")), "{why}");
         let mut left = twin();
         (left.deaf, left.continuous, left.usb, left.buffers) = (true, true, on_usb, false);
         let mut rig = rig(left, Settings::default());
@@ -380,9 +380,9 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
 
 #[test]
 fn impossible_settings_are_refused() {
-    let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
+    let refused = |settings: Settings| refused_setting(Unit::new("x", settings, None).err());
     for stations in [vec![], vec![0], vec![17], vec![2, 1], vec![1, 1]] {
-        assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));
+        assert_eq!(refused(Settings { stations, ..Settings::default() }), "stations");
     }
-    assert!(refused(Settings { binary: false, ..Settings::default() }).contains("tracker.binary"));
+    assert_eq!(refused(Settings { binary: false, ..Settings::default() }), "binary");
 }

@@ -50,7 +50,7 @@ fn silent() {
     let vivid = Vivid::open(CAPTURE_NODE);
     vivid.set(control::PERCENT_DROPPED, 100);
     rig.until(State::Silent);
-    assert_eq!(rig.grabber.health().why, "/dev/video0 delivers no frames; it is set up anew");
+    assert_eq!(rig.grabber.health().why, "/dev/video0 delivers no frames; it is set up again");
     // The deadline is kept during every fault.
     let deadline = Monotonic.now_ns() + SECOND / 5;
     assert!(matches!(rig.grabber.next(deadline).unwrap(), Next::Pending));

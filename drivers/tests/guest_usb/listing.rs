@@ -90,7 +90,7 @@ fn two_of_a_kind() {
     let mut either = first.open();
     assert!(either.readings(300 * MS).is_empty());
     assert_eq!(either.state(), State::Absent);
-    assert!(either.why().contains("several of its kind; say which"), "{}", either.why());
+    assert!(either.why().contains("several devices of its kind are connected"), "{}", either.why());
     let mut by_place = first.open_with(Some("1-1"), Settings::default());
     let mut by_number = second.open_with(Some("B"), Settings::default());
     by_place.until(State::Running, 5 * SECOND);

@@ -4,9 +4,10 @@
 use std::collections::BTreeMap;
 
 use formats::session::{Crop, Ending, SessionWriter, WriterOptions};
+use formats::{Error, Unwritable};
+use sonoweave_core::Description;
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{Frame, PixelType, Reading, Status};
-use sonoweave_core::{Description, Error};
 
 use crate::{BEGIN, chunks_of, frame, mixture, pose, read, writer};
 
@@ -143,10 +144,8 @@ fn device_and_file_names_are_unique() {
     session.device("tracker", None, &Description::default(), None).unwrap();
     for name in ["tracker", "", "a/b", "note", "session"] {
         let refused = session.device(name, None, &Description::default(), None);
-        assert!(
-            matches!(&refused, Err(Error::Misuse(why)) if why.contains("give it a name of its own")),
-            "{refused:?}"
-        );
+        let Err(Error::Unwritable { source, .. }) = refused else { panic!("{refused:?}") };
+        assert!(matches!(source, Unwritable::DeviceName(given) if given == name));
     }
     let second = SessionWriter::create(folder.path(), WriterOptions::new("a test")).unwrap();
     assert_ne!(session.path(), second.path());

@@ -4,9 +4,10 @@
 use std::fs;
 use std::process::Command;
 
+use formats::Error;
 use formats::session::{Ending, SessionWriter, Source, WriterOptions};
+use sonoweave_core::Description;
 use sonoweave_core::clock::{MS, SECOND};
-use sonoweave_core::{Description, Error};
 
 use crate::{BEGIN, Shared, about, chunks_of, frame, pose, read, writer};
 

@@ -58,8 +58,8 @@ fn unreadable_chunk_has_no_frames_changed_file_is_refused() {
     std::fs::write(&path, &bytes).unwrap();
     let mut frames = Frames::open(&path, "grabber", &Limits::default()).unwrap();
     std::fs::write(&path, &damaged).unwrap();
-    let error = frames.read(20).unwrap_err().to_string();
-    assert!(error.contains("session.mcap: byte ") && error.contains("was it written anew?"), "{error}");
+    let error = frames.read(20).unwrap_err();
+    assert!(matches!(error, formats::Error::Session { .. }), "{error}");
     assert_eq!(told(&mut frames, 59).as_ref(), written.last(), "others are there still");
     let nothing = folder.path().join("none.mcap");
     assert!(Frames::open(&nothing, "grabber", &Limits::default()).is_err());

@@ -14,13 +14,13 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use formats::Limits;
 use formats::session::{
     About, Crop, Damage, Ending, Event, Maker, SessionReader, SessionWriter, Source, Store, WriterOptions,
 };
+use formats::{Error, Limits};
+use sonoweave_core::Description;
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{Counts, Frame, NamedTransform, PixelType, Pose, Raw, Reading, Recorded, Stamp, Status};
-use sonoweave_core::{Description, Error};
 
 /// Host time at which sessions begin here: not 0.
 pub(crate) const BEGIN: i64 = 77 * SECOND;

@@ -47,7 +47,7 @@ fn replay_of_all_or_one_device_matches_recording() {
         let names: Vec<&str> = replay.devices().iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["tracker", "grabber"]);
         for _ in 0..2 {
-            assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "it is stopped");
+            assert!(matches!(replay.next(0), Err(Error::Stopped(_))));
             replay.start().unwrap();
             let found = all(&mut replay).unwrap();
             let expected: Vec<_> = written.iter().filter(|(by, _)| wanted.is_none() || *by == wanted).collect();
@@ -60,8 +60,9 @@ fn replay_of_all_or_one_device_matches_recording() {
         }
     }
     let missing = SessionSettings { device: Some("arm".into()), ..settings.clone() };
-    let error = drivers::open(&OpenSettings::Session(missing)).err().unwrap().to_string();
-    assert!(error.contains("has no device \"arm\"; it has tracker, grabber"), "{error}");
+    let error = drivers::open(&OpenSettings::Session(missing)).err().unwrap();
+    assert!(error.to_string().ends_with("has no device \"arm\"; it has tracker, grabber"), "{error}");
+    assert!(matches!(error, drivers::Error::NoDevice { .. }));
     let error = drivers::DRIVERS.iter().find(|driver| driver.name() == "session").unwrap();
     assert!(error.open(&OpenSettings::sequence("x")).is_err() && error.list().is_empty());
     let mut device = drivers::open(&OpenSettings::Session(settings)).unwrap();
@@ -116,9 +117,12 @@ fn interrupted_session_ends_and_inner_damage_is_error() {
     });
     let mut replay = SessionReplay::open(&settings).unwrap();
     replay.start().unwrap();
-    let error = all(&mut replay).err().unwrap().to_string();
-    assert!(error.contains("--repair") && error.contains("session.mcap: byte "), "{error}");
-    assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "no reading follows an error");
+    let error = all(&mut replay).err().unwrap();
+    let Some(formats::Error::Damaged { damage, .. }) = error.cause() else { panic!("{error}") };
+    let says =
+        format!("session.mcap: byte {}: a chunk with a wrong checksum, up to byte {}", damage.from, damage.until);
+    assert!(error.to_string().contains(&says), "{error}");
+    assert!(matches!(replay.next(0), Err(Error::Failed(_))), "no reading follows an error");
     // Losses during recording are known at the end.
     let disk = Shared::default();
     let options = WriterOptions { held_bytes: 20_000, ..chunks_of(100 * MS) };

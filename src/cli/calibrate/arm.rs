@@ -116,7 +116,7 @@ fn kept(text: &str) -> Result<Kept, String> {
 }
 
 fn tip(text: &str) -> Result<DVec2, String> {
-    sonoweave_core::keys::numbers::<2>(text).map(DVec2::from_array)
+    Ok(DVec2::from_array(sonoweave_core::keys::numbers::<2>(text)?))
 }
 
 /// Runs the command.

@@ -16,6 +16,7 @@ use sync::StampedPairing;
 
 use super::device::{PATIENCE, Tried, try_out};
 use crate::cli::Failure;
+use crate::cli::devices::with_remedy;
 use crate::devices;
 
 /// Shares of the configured rate: below USELESS a device is unusable, below SLOW it gets a
@@ -190,7 +191,7 @@ fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i6
             checked.wrong(match (&tried.refused, health.why.as_str()) {
                 (Some(refused), _) => refused.clone(),
                 (None, "") => format!("{} after {seconds} s, without a reason", health.state.word()),
-                (None, why) => format!("{} after {seconds} s: {why}", health.state.word()),
+                (None, why) => format!("{} after {seconds} s: {}", health.state.word(), with_remedy(why)),
             });
         }
     }

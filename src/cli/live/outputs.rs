@@ -13,6 +13,7 @@ use pipeline::live::{Differences, Finished, REPLAYED, ResultDigest, SessionStatu
 use statistics::{LiveStatistics, write_json};
 use volume::Voxels;
 
+use crate::cli::devices::with_remedy;
 use crate::cli::provenance::Made;
 use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
@@ -74,7 +75,7 @@ pub(in crate::cli) fn troubles(account: &SessionStatus) -> String {
         if !is_well || !device.why.is_empty() {
             text += &format!("; {} is {}", device.name, device.state);
             if !device.why.is_empty() {
-                text += &format!(": {}", device.why);
+                text += &format!(": {}", with_remedy(&device.why));
             }
         }
     }

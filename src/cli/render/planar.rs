@@ -44,7 +44,8 @@ fn free_plane(text: &str) -> Result<FreePlane, String> {
     let three = |n: &[f64]| DVec3::new(n[0], n[1], n[2]);
     match text.split(',').count() {
         9 => {
-            numbers::<9>(text).map(|n| FreePlane { point: three(&n), normal: three(&n[3..]), up: Some(three(&n[6..])) })
+            let n = numbers::<9>(text)?;
+            Ok(FreePlane { point: three(&n), normal: three(&n[3..]), up: Some(three(&n[6..])) })
         }
         _ => numbers::<6>(text)
             .map(|n| FreePlane { point: three(&n), normal: three(&n[3..]), up: None })

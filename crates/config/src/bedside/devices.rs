@@ -10,7 +10,6 @@ use drivers::arm::{self, ArmSettings};
 use drivers::grabber::pixels::{Colour, Matrix, PixelFormat, Range};
 use drivers::grabber::{GrabberSettings, Interlace, Standard};
 use drivers::tracker::polhemus::{self, Model, Port, TrackerSettings};
-use sonoweave_core::Error;
 use sonoweave_core::keys::{Entry, FileError};
 use sync::graph::Names;
 
@@ -421,19 +420,19 @@ pub(super) fn latency(keys: &mut Reader<'_, '_>, calibrated_ms: f64) -> Result<i
     keys.ms("latency_ms", calibrated_ms, -1000.0..=1000.0)
 }
 
-/// Converts a driver's complaint about settings to an error at the right key. Drivers use the
-/// form `device.setting: what is wrong`.
-pub(super) fn misuse(keys: &Reader<'_, '_>, error: &Error) -> FileError {
-    let sentence = error.to_string();
-    let split = sentence.split_once(": ").and_then(|(name, problem)| Some((name.split_once('.')?.1, problem)));
-    match split {
-        Some(("stations", problem)) => keys.error("probe_station", problem),
-        Some(("stylus", problem)) => keys.error("stylus_station", problem),
-        Some(("fastest", problem)) => keys.error("fastest_counts_per_s", problem),
-        // For a server's settings: names of transforms, and of the image.
-        Some(("transforms", problem)) => keys.error("probe", problem),
-        Some(("image", problem)) => keys.error("input", problem),
-        Some((setting, problem)) if keys.knows(setting) => keys.error(setting, problem),
-        _ => keys.error(if keys.knows("port") { "port" } else { "device" }, sentence),
+/// Converts a driver's complaint about settings to an error at the right key.
+pub(super) fn misuse(keys: &Reader<'_, '_>, error: &drivers::Error) -> FileError {
+    match error {
+        drivers::Error::Setting { setting, problem, .. } => match *setting {
+            "stations" => keys.error("probe_station", problem),
+            "stylus" => keys.error("stylus_station", problem),
+            "fastest" => keys.error("fastest_counts_per_s", problem),
+            // For a server's settings: names of transforms, and of the image.
+            "transforms" => keys.error("probe", problem),
+            "image" => keys.error("input", problem),
+            setting if keys.knows(setting) => keys.error(setting, problem),
+            _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
+        },
+        _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
     }
 }

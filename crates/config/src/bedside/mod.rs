@@ -342,7 +342,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
     let warn_after_days = keys.whole("warn_after_days", WARN_AFTER_DAYS, 1..=36_500)?;
     let rows = keys.value_if("image_to_probe", |entry| entry.numbers::<16>())?;
     let clip = keys.value_if("clip_px", |entry| match entry.as_text() {
-        Some(text) => text.parse().map_err(|e: sonoweave_core::region::BadRegion| entry.error(e.to_string())),
+        Some(text) => text.parse().map_err(|e: mask::MaskError| entry.error(e.to_string())),
         None => {
             let items = entry.items("[x, y, width, height], \"auto\" or \"none\"")?;
             let numbers = items.iter().map(sonoweave_core::keys::Entry::whole).collect::<Result<Vec<_>, _>>()?;

@@ -98,13 +98,13 @@ mod tests {
         assert!(with(good, "openigtlink:plus:18944").is_ok());
         for (remote, grabber, wanted) in [
             ("", "openigtlink:plus:18944", ["remote.address", "HOST:PORT"]),
-            ("address = \"plus\"", "openigtlink:plus:18944", ["address", "is no address"]),
-            (good, "openigtlink:plus", ["device", "is no address"]),
+            ("address = \"plus\"", "openigtlink:plus:18944", ["address", "is not an address"]),
+            (good, "openigtlink:plus", ["device", "is not an address"]),
             (&*format!("{good}\nstylus = \"ProbeToTracker\""), "/dev/video0", ["stylus", "belongs to another sensor"]),
             (
                 &*format!("{good}\nprobe = \"TransducerInTheHandToTracker\""),
                 "/dev/video0",
-                ["probe", "28 bytes where 20 fit"],
+                ["probe", "28 bytes, and 20 fit"],
             ),
             (
                 &*format!("{good}\n[arm]\nkind = \"ea1\"\nport = \"virtual\""),

@@ -304,13 +304,10 @@ fn impossible_devices_refused_by_key() {
             "[arm]\nkind = \"ea1\"\nport = \"/dev/a\"\nencoders = 5\n",
             "arm.encoders (line 6): applies to kind = \"microscribe\"",
         ),
-        (
-            "[arm]\nkind = \"immersion\"\nport = \"/dev/a\"\nencoders = 3\n",
-            "arm.encoders (line 6): 3 cannot be asked for",
-        ),
+        ("[arm]\nkind = \"immersion\"\nport = \"/dev/a\"\nencoders = 3\n", "arm.encoders (line 6): 3 is not possible"),
         (
             "[arm]\nkind = \"microscribe\"\nport = \"/dev/a\"\nbaud = 4800\n",
-            "arm.baud (line 6): 4800 is no rate of a MicroScribe",
+            "arm.baud (line 6): a MicroScribe does not have the rate 4800",
         ),
         ("[arm]\nkind = \"ea1\"\nport = \"/dev/a\"\nfastest_counts_per_s = 5\n", "arm.fastest_counts_per_s (line 6): "),
     ];

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::Unwritable;
+
 /// Format of a file, derived from its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Container {
@@ -46,19 +48,19 @@ impl Container {
     /// Returns the format for writing a sequence.
     ///
     /// # Errors
-    /// A sentence with the accepted names.
-    pub fn of_sequence(path: &Path) -> Result<Self, String> {
+    /// [`Unwritable::FileName`].
+    pub fn of_sequence(path: &Path) -> Result<Self, Unwritable> {
         let named = Self::of(path).filter(|container| !matches!(container, Self::Nifti | Self::NiftiGz));
-        named.ok_or_else(|| format!("sequences are written as {}; give such a name", Self::SEQUENCES))
+        named.ok_or(Unwritable::FileName { content: "sequences", endings: Self::SEQUENCES })
     }
 
     /// Returns the format for writing a volume.
     ///
     /// # Errors
-    /// A sentence with the accepted names.
-    pub fn of_volume(path: &Path) -> Result<Self, String> {
+    /// [`Unwritable::FileName`].
+    pub fn of_volume(path: &Path) -> Result<Self, Unwritable> {
         let named = Self::of(path).filter(|container| *container != Self::SeqNrrd);
-        named.ok_or_else(|| format!("volumes are written as {}; give such a name", Self::VOLUMES))
+        named.ok_or(Unwritable::FileName { content: "volumes", endings: Self::VOLUMES })
     }
 
     /// Returns the path of the separate pixel file beside `path`; `None` if the pixels follow
@@ -101,8 +103,14 @@ mod tests {
         for (name, container) in cases {
             assert_eq!(Container::of(Path::new(name)), container, "{name}");
         }
-        assert!(Container::of_volume(Path::new("a.seq.nrrd")).unwrap_err().contains(".nrrd"));
-        assert!(Container::of_sequence(Path::new("a.nii")).unwrap_err().contains(".seq.nrrd"));
+        assert!(matches!(
+            Container::of_volume(Path::new("a.seq.nrrd")),
+            Err(Unwritable::FileName { content: "volumes", .. })
+        ));
+        assert!(matches!(
+            Container::of_sequence(Path::new("a.nii")),
+            Err(Unwritable::FileName { content: "sequences", .. })
+        ));
         assert_eq!(Container::Mhd.data_file(Path::new("b/a.igs.mhd"), true).unwrap(), "a.igs.zraw");
         assert_eq!(Container::Nhdr.data_file(Path::new("a.nhdr"), true).unwrap(), "a.raw.gz");
         assert_eq!(Container::Nrrd.data_file(Path::new("a.nrrd"), true), None);

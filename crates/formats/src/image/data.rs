@@ -4,8 +4,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::path::{Component, Path, PathBuf};
 
-use sonoweave_core::Error;
-
+use crate::Error;
 use crate::image::header::Field;
 
 /// Length limit of a skipped line, bytes.
@@ -29,7 +28,7 @@ impl Data {
         let inside = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
         if field.value.is_empty() || !inside {
             let problem = format!(
-                "is {:?}; the data's file must lie beside the header or in a folder there: move it and name it so",
+                "is {:?}; the data file must lie beside the header or in a folder there: move it and correct the name",
                 &*field.value
             );
             return Err(field.fault(problem).at(header));
@@ -40,7 +39,7 @@ impl Data {
             Ok((reader, bytes)) => Ok(Self { reader, path, at: 0, bytes }),
             Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
                 let problem =
-                    format!("names the data's file {}, which is not there; put it beside the header", path.display());
+                    format!("names the data file {}, which does not exist; put it beside the header", path.display());
                 Err(field.fault(problem).at(header))
             }
             Err(other) => Err(other),
@@ -56,7 +55,7 @@ impl Data {
             read.map_err(|source| Error::Io { path: self.path.clone(), doing: "skipping lines", source })?;
             if line.last() != Some(&b'\n') {
                 let problem = format!(
-                    "line {} of the {lines} to be skipped before the data does not end; correct line skip",
+                    "the file ends in line {} of the {lines} to be skipped before the data; correct line skip",
                     n + 1
                 );
                 return Err(Error::Data { path: self.path.clone(), frame: 0, offset: self.at, problem });

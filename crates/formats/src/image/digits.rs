@@ -38,8 +38,9 @@ pub(super) fn token(reader: &mut impl BufRead, consumed: &mut u64) -> io::Result
 }
 
 /// Parses the number into `scalar`, in native byte order. A whole number may have a point or an
-/// exponent (`7.0`, `1e+06`): MetaIO writes all numbers via double precision.
-pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<(), String> {
+/// exponent (`7.0`, `1e+06`): MetaIO writes all numbers via double precision. Returns `None` for
+/// other texts, and for values outside the type.
+pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Option<()> {
     macro_rules! whole {
         ($kind:ty) => {
             token
@@ -49,7 +50,7 @@ pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<()
                 .map(|value: $kind| scalar.copy_from_slice(&value.to_ne_bytes()))
         };
     }
-    let put = match pixel {
+    match pixel {
         PixelType::U8 => whole!(u8),
         PixelType::I8 => whole!(i8),
         PixelType::U16 => whole!(u16),
@@ -64,11 +65,7 @@ pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<()
             value.map(|value: f32| scalar.copy_from_slice(&value.to_ne_bytes()))
         }
         PixelType::F64 => number(token).map(|value| scalar.copy_from_slice(&value.to_ne_bytes())),
-    };
-    put.ok_or_else(|| {
-        let token: String = token.chars().take(40).collect();
-        format!("{token:?} is no {pixel:?}; the file is damaged or of another type")
-    })
+    }
 }
 
 /// Returns the digits of a whole number written with a point or an exponent. Refuses values
@@ -106,19 +103,18 @@ mod tests {
         let mut two = [0; 2];
         put("-300", PixelType::I16, &mut two).unwrap();
         assert_eq!(i16::from_ne_bytes(two), -300);
-        assert!(put("-1", PixelType::U16, &mut two).unwrap_err().contains("\"-1\" is no U16"));
         for (spelled, whole) in [("1.0", 1), ("-3e+02", -300), ("3.2767e4", i16::MAX)] {
             put(spelled, PixelType::I16, &mut two).unwrap();
             assert_eq!(i16::from_ne_bytes(two), whole, "{spelled}");
         }
-        for odd in ["1.5", "1e5", "1e", "nan", "inf", "1e400", "0x10", ""] {
-            assert!(put(odd, PixelType::I16, &mut two).is_err(), "{odd}");
+        for odd in ["1.5", "40000", "1e5", "1e", "nan", "inf", "1e400", "0x10", ""] {
+            assert!(put(odd, PixelType::I16, &mut two).is_none(), "{odd}");
         }
         let mut eight = [0; 8];
         put("9007199254740992.0", PixelType::U64, &mut eight).unwrap();
         assert_eq!(u64::from_ne_bytes(eight), 1 << 53);
-        assert!(put("1e18", PixelType::U64, &mut eight).is_err(), "its digits are not all there");
-        assert!(put("-0.0", PixelType::U16, &mut two).is_ok());
+        assert!(put("1e18", PixelType::U64, &mut eight).is_none(), "its digits are not all there");
+        assert!(put("-0.0", PixelType::U16, &mut two).is_some() && put("-1", PixelType::U16, &mut two).is_none());
         let mut four = [0; 4];
         put("nan", PixelType::F32, &mut four).unwrap();
         assert!(f32::from_ne_bytes(four).is_nan());

@@ -8,11 +8,9 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use sonoweave_core::Error;
-
-use crate::Limits;
 use crate::image::layout::Claims;
 use crate::image::volume::Place;
+use crate::{Error, Limits};
 
 /// Longest header line, bytes. Without this bound, a binary file without line ends would be
 /// read up to the header limit.
@@ -49,7 +47,7 @@ pub(crate) struct Grammar {
 
 /// A header error without its file.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Fault {
+pub(crate) enum Fault {
     /// A field is missing, malformed or contradicts another.
     Field { field: String, offset: u64, problem: String },
     /// A stated limit was exceeded.
@@ -57,8 +55,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    pub(crate) fn field(field: impl Into<String>, offset: u64, problem: impl Into<String>) -> Self {
-        Self::Field { field: field.into(), offset, problem: problem.into() }
+    pub(crate) fn field(field: impl Into<String>, offset: u64, problem: impl ToString) -> Self {
+        Self::Field { field: field.into(), offset, problem: problem.to_string() }
     }
 
     /// Formats the fault for a caller that names the file itself.
@@ -70,7 +68,7 @@ impl Fault {
     }
 
     /// Adds the file's path.
-    pub fn at(self, path: &Path) -> Error {
+    pub(crate) fn at(self, path: &Path) -> Error {
         let path = path.to_owned();
         match self {
             Self::Field { field, offset, problem } => Error::Header { path, field, offset, problem },
@@ -81,7 +79,7 @@ impl Fault {
 
 /// A global field, valid for the whole file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Field {
+pub(crate) struct Field {
     pub(crate) name: Box<str>,
     pub(crate) value: Box<str>,
     /// Position of its line, in bytes from the beginning of the file.
@@ -90,7 +88,7 @@ pub struct Field {
 
 impl Field {
     /// Creates a fault of this field.
-    pub fn fault(&self, problem: impl Into<String>) -> Fault {
+    pub(crate) fn fault(&self, problem: impl ToString) -> Fault {
         Fault::field(&*self.name, self.offset, problem)
     }
 }
@@ -106,7 +104,7 @@ pub(crate) struct FrameField {
 }
 
 /// A complete header. Names are unique within the global fields and within each frame.
-pub struct Header {
+pub(crate) struct Header {
     pub(crate) grammar: &'static Grammar,
     /// In file order.
     pub(crate) global: Vec<Field>,
@@ -128,12 +126,12 @@ impl Header {
     /// Returns the global field of that name, or a fault if it is missing.
     pub(crate) fn required(&self, name: &str) -> Result<&Field, Fault> {
         self.get(name).ok_or_else(|| {
-            Fault::field(name, self.end, "is missing from the header that ends here; add it or write the file again")
+            Fault::field(name, self.end, "is missing from the header, which ends here; add it or write the file again")
         })
     }
 
     /// Returns the field with the kinds of the axes.
-    pub fn kinds(&self) -> Option<&Field> {
+    pub(crate) fn kinds(&self) -> Option<&Field> {
         self.get("Kinds").or_else(|| self.get("kinds"))
     }
 
@@ -150,7 +148,7 @@ impl Header {
     }
 
     /// Creates a fault of a per-frame field.
-    pub(crate) fn frame_fault(&self, field: &FrameField, problem: impl Into<String>) -> Fault {
+    pub(crate) fn frame_fault(&self, field: &FrameField, problem: impl ToString) -> Fault {
         Fault::field(self.full_name(field), field.offset, problem)
     }
 }
@@ -185,7 +183,7 @@ impl Parser {
     fn overflow(&self) -> Fault {
         if self.room() == LINE_BYTES {
             self.unnamed(format!(
-                "is longer than {LINE_BYTES} bytes; this is no {} header, or it is damaged: check that the file is what its name says",
+                "is longer than {LINE_BYTES} bytes; this is not a {} header, or a damaged one: check that the name fits the content",
                 self.header.grammar.name
             ))
         } else {
@@ -204,17 +202,17 @@ impl Parser {
     }
 
     /// Creates a fault of the present line.
-    pub(crate) fn unnamed(&self, problem: impl Into<String>) -> Fault {
+    pub(crate) fn unnamed(&self, problem: impl ToString) -> Fault {
         Fault::field(format!("line {}", self.lines + 1), self.header.end, problem)
     }
 
     /// Creates a fault of the present line, which does not look like one of this format.
     pub(crate) fn foreign(&self, what: &str) -> Fault {
-        self.unnamed(format!("{what}; this is no {} header, or it is damaged", self.header.grammar.name))
+        self.unnamed(format!("{what}; this is not a {} header, or a damaged one", self.header.grammar.name))
     }
 
     /// Creates a fault of the named field in the present line.
-    pub(crate) fn named(&self, name: &str, problem: impl Into<String>) -> Fault {
+    pub(crate) fn named(&self, name: &str, problem: impl ToString) -> Fault {
         Fault::field(name, self.header.end, problem)
     }
 
@@ -251,15 +249,13 @@ impl Parser {
                 return Err(Fault::field(
                     name,
                     self.header.end,
-                    "is no name of a frame's field: it must be Seq_Frame, the frame's number, an underscore and a name",
+                    "is not a valid name of a frame's field: it must be Seq_Frame, the frame's number, an underscore and a name",
                 ));
             };
             return self.frame_field(name, number, of_frame, value);
         }
         if self.header.global.len() >= GLOBAL_FIELDS {
-            return Err(
-                self.unnamed(format!("is one field more than {GLOBAL_FIELDS}; remove fields that nobody reads"))
-            );
+            return Err(self.unnamed(format!("exceeds the limit of {GLOBAL_FIELDS} fields; remove unused fields")));
         }
         self.header.global.push(Field { name: name.into(), value: value.into(), offset: self.header.end });
         Ok(())
@@ -269,7 +265,7 @@ impl Parser {
     pub(crate) fn frame_field(&mut self, whole: &str, number: &str, name: &str, value: &str) -> Result<(), Fault> {
         let offset = self.header.end;
         let frame: u64 =
-            number.parse().map_err(|_| Fault::field(whole, offset, "has a frame number beyond 64 bits"))?;
+            number.parse().map_err(|_| Fault::field(whole, offset, "has a frame number beyond 64 bits; correct it"))?;
         if frame >= self.limits.items {
             return Err(Fault::Limit {
                 what: format!("field {whole} (byte {offset}): the number of frames"),
@@ -289,7 +285,7 @@ impl Parser {
     fn add_name(&mut self, whole: &str, name: &str) -> Result<u32, Fault> {
         if self.header.names.len() >= FRAME_FIELD_NAMES {
             let problem =
-                format!("is one name of a frame's field more than {FRAME_FIELD_NAMES}; use fewer different names");
+                format!("exceeds the limit of {FRAME_FIELD_NAMES} names of frames' fields; use fewer different names");
             return Err(Fault::field(whole, self.header.end, problem));
         }
         let id = u32::try_from(self.header.names.len()).unwrap_or(u32::MAX);
@@ -323,7 +319,7 @@ impl Parser {
 }
 
 fn repeated(first: u64) -> String {
-    format!("is a repetition of the field of the same name at byte {first}; remove one of them")
+    format!("repeats the field at byte {first}; remove one of them")
 }
 
 /// Decodes a line. Headers declare no encoding: the line is UTF-8 if valid, else Latin-1. This

@@ -85,7 +85,7 @@ pub struct Layout {
     /// Sequence or volume.
     pub content: Content,
     /// The field that gives the shape.
-    pub shape: Field,
+    pub(crate) shape: Field,
     /// Pixels along the first and second axis; both 0 in a file without images.
     pub size: [u32; 2],
     /// Number of frames or slices.
@@ -122,12 +122,10 @@ impl Layout {
         let Claims { shape, size, layers, channels, .. } = *claims;
         let images = !size.contains(&0);
         if !images && size != [0, 0] {
-            return Err(
-                shape.fault(format!("is {:?}: one axis of the image is empty; either both are or none", &*shape.value))
-            );
+            return Err(shape.fault(format!("is {:?}: only one axis of the image is empty; correct it", &*shape.value)));
         }
         if layers == 0 {
-            return Err(shape.fault("promises no frames at all; the recording holds nothing to read"));
+            return Err(shape.fault("promises no frames; the recording is empty"));
         }
         let named = |what: &str| format!("field {} (byte {}): {what}", shape.name, shape.offset);
         if layers > limits.items {
@@ -144,7 +142,7 @@ impl Layout {
             what: named("the size of one frame in bytes"),
             value: layer,
             limit: u128::from(limits.frame_bytes),
-            advice: "check that the sizes and the type are what they should be, or crop the frames",
+            advice: "check the sizes and the type, or crop the frames",
         };
         if layer > u128::from(limits.frame_bytes) {
             return Err(too_large());
@@ -169,7 +167,7 @@ impl Layout {
         if layout.list == ListAxis::First && layout.promised() > u128::from(limits.transposed_bytes) {
             return Err(Fault::Limit {
                 what: named(
-                    "the list of frames is the first axis, so that all of them must be held at once; their size in bytes",
+                    "the list of frames is the first axis, so that all must be in memory at once; their size in bytes",
                 ),
                 value: layout.promised(),
                 limit: u128::from(limits.transposed_bytes),
@@ -218,7 +216,7 @@ impl Layout {
     fn held(&self) -> String {
         match &self.data_file {
             Some(name) => format!("its data file {name} holds {}", self.data_bytes),
-            None => format!("the file holds {} behind its header", self.data_bytes),
+            None => format!("the file holds {} after its header", self.data_bytes),
         }
     }
 
@@ -257,7 +255,7 @@ impl Layout {
                     "promises {promised} bytes of pixels, but {holds}: it is cut short or the header is wrong; copy or record it again"
                 ))),
                 std::cmp::Ordering::Less => Err(shape.fault(format!(
-                    "promises {promised} bytes of pixels, but {holds}: data after the last frame; correct {} or remove them",
+                    "promises {promised} bytes of pixels, but {holds}: data follow the last frame; correct {} or remove them",
                     shape.name
                 ))),
             };
@@ -351,7 +349,7 @@ mod tests {
         let with = |from: &str, to: &str| IMAGES.replace(from, to);
         let cases = [
             (with("NDims = 3\n", ""), 48, "NDims", "is missing"),
-            (with("NDims = 3", "NDims = 4"), 48, "NDims", "sequence of volumes"),
+            (with("NDims = 3", "NDims = 4"), 48, "NDims", "sequences of volumes"),
             (with("NDims = 3", "NDims = 1"), 48, "NDims", "must be 2 or 3"),
             (with("4 3 2", "4 3"), 48, "DimSize", "exactly 3 whole numbers"),
             (with("4 3 2", "4 3 2 1"), 48, "DimSize", "exactly 3 whole numbers"),
@@ -361,17 +359,17 @@ mod tests {
             (with("4 3 2", "4 3 0"), 48, "DimSize", "no frames"),
             (with("4 3 2", "4 0 2"), 48, "DimSize", "one axis of the image is empty"),
             (with("4 3 2", "4 3 3"), 48, "DimSize", "promises 72 bytes of pixels, but the file holds 48"),
-            (with("4 3 2", "4 3 1"), 48, "DimSize", "data after the last frame"),
-            (with("MET_SHORT", "MET_OTHER"), 48, "ElementType", "no pixel type"),
-            (with("MET_SHORT", "short"), 48, "ElementType", "no pixel type"),
+            (with("4 3 2", "4 3 1"), 48, "DimSize", "data follow the last frame"),
+            (with("MET_SHORT", "MET_OTHER"), 48, "ElementType", "not a supported pixel type"),
+            (with("MET_SHORT", "short"), 48, "ElementType", "not a supported pixel type"),
             (with("domain list", "list domain"), 48, "Kinds", "must be the last"),
             (with("domain list", "list"), 48, "Kinds", "exactly 3 words"),
             (format!("{IMAGES}ElementNumberOfChannels = 5\n"), 48, "ElementNumberOfChannels", "1 to 4"),
             (format!("{IMAGES}ElementNumberOfChannels = 0\n"), 48, "ElementNumberOfChannels", "1 to 4"),
             (format!("{IMAGES}BinaryData = False\n"), 46, "DimSize", "more than the 46 bytes of data"),
             (format!("{IMAGES}BinaryData = False\nCompressedData = True\n"), 48, "BinaryData", "numbers as text"),
-            (format!("{IMAGES}BinaryData = perhaps\n"), 48, "BinaryData", "neither True nor False"),
-            (format!("{IMAGES}HeaderSize = -1\n"), 48, "HeaderSize", "skip bytes"),
+            (format!("{IMAGES}BinaryData = perhaps\n"), 48, "BinaryData", "write True or False"),
+            (format!("{IMAGES}HeaderSize = -1\n"), 48, "HeaderSize", "skips bytes"),
             (format!("{IMAGES}ObjectType = Tube\n"), 48, "ObjectType", "only Image"),
             (
                 format!("{IMAGES}BinaryDataByteOrderMSB = True\nElementByteOrderMSB = False\n"),

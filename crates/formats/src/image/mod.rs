@@ -39,25 +39,24 @@ use data::Data;
 use header::{Fault, Grammar, Header, Parser};
 pub use layout::Content;
 use layout::{Encoding, Layout};
+use sequence::Sequence;
 pub use spacing::ELEMENT_SPACING;
-use stream::Trouble;
 pub use transposed::Told;
 pub use volume::{VolumeHeader, VolumeReader};
 
-use crate::Limits;
-use sonoweave_core::Error;
+use crate::{Error, Limits};
 
 /// Buffer size, bytes; large enough that system calls do not limit the reading of raw frames.
 pub const BUFFER: usize = 256 << 10;
 
-/// An opened file with a valid header. The reader is at the beginning of the pixel data.
-pub struct Opened {
+/// An opened file with a valid header `H`. The reader is at the beginning of the pixel data.
+pub struct Opened<H = Sequence> {
     /// Reader, at the first pixel.
     pub reader: BufReader<File>,
     /// File of the reader; differs from the header's if the data have a file of their own.
     pub data_path: PathBuf,
     /// The parsed header.
-    pub header: Header,
+    pub header: H,
     /// Position and meaning of the pixel data.
     pub layout: Layout,
 }
@@ -68,17 +67,30 @@ fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
     // Checked before opening: opening a pipe would wait for its other end.
     let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_file() {
-        let source = io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file; give the recording's file");
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "not a regular file; give the recording's file");
         return Err(failed(source));
     }
     Ok((BufReader::with_capacity(BUFFER, File::open(path).map_err(failed)?), metadata.len()))
 }
 
-/// Opens an image file and checks its header.
+/// Opens a sequence and checks its whole header.
 ///
 /// # Errors
-/// [`Error`] when the file cannot be read, has an unknown format, or has an invalid header.
-pub fn open(path: &Path, limits: &Limits) -> Result<Opened, Error> {
+/// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no sequence or its
+/// header is invalid, [`Error::Limit`] when it exceeds the limits.
+pub fn open_sequence(path: &Path, limits: &Limits) -> Result<Opened, Error> {
+    let Opened { reader, data_path, header, layout } = open(path, limits)?;
+    if layout.content == Content::Volume {
+        let field = header.kinds().unwrap_or(&layout.shape);
+        let problem = "makes this a volume; a sequence of frames has a last axis of kind list, or fields Seq_Frame…";
+        return Err(field.fault(problem).at(path));
+    }
+    let header = Sequence::new(header, &layout).map_err(|fault| fault.at(path))?;
+    Ok(Opened { reader, data_path, header, layout })
+}
+
+/// Opens an image file and checks the part of its header that describes the pixels.
+fn open(path: &Path, limits: &Limits) -> Result<Opened<Header>, Error> {
     let (mut reader, bytes) = open_file(path)?;
     let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
     if nifti::read::is_nifti(begins) {
@@ -132,15 +144,6 @@ fn read_header(
         if parser.line(&line).map_err(|fault| fault.at(path))? {
             return parser.finish().map_err(|fault| fault.at(path));
         }
-    }
-}
-
-/// Adds the file's path to an error in its pixel data.
-pub fn trouble_at(trouble: Trouble, path: &Path) -> Error {
-    let path = path.to_owned();
-    match trouble {
-        Trouble::Io(source) => Error::Io { path, doing: "reading pixels", source },
-        Trouble::Data { frame, offset, problem } => Error::Data { path, frame, offset, problem },
     }
 }
 

@@ -1,46 +1,60 @@
 //! Parses numbers in headers.
 
+/// Reason why a field does not hold the wanted numbers.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum BadNumber {
+    #[error("{0} is negative; it must be a whole number from 0 on")]
+    Negative(String),
+    #[error("{0} does not fit 64 bits; the header is damaged")]
+    TooLarge(String),
+    #[error("{0:?} is not a whole number from 0 on; correct it")]
+    NotWhole(String),
+    #[error("{word:?}, number {position} of {wanted}, is not a number; correct it")]
+    NotNumber { word: String, position: usize, wanted: usize },
+    #[error("holds {found} numbers, but must hold exactly {wanted}; the line is damaged or was edited")]
+    Count { found: usize, wanted: usize },
+    #[error("is {0:?}; its numbers must be finite")]
+    NotFinite(String),
+    #[error("is {0:?}; it must be a finite number of seconds")]
+    NotSeconds(String),
+}
+
 /// Parses a non-negative whole number.
-pub(crate) fn whole(text: &str) -> Result<u64, String> {
+pub(crate) fn whole(text: &str) -> Result<u64, BadNumber> {
     let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
-    match text.parse::<u64>() {
-        Ok(number) => Ok(number),
-        Err(_) if text.strip_prefix('-').is_some_and(digits) => {
-            Err(format!("{text} is negative; it must be a whole number from 0 on"))
-        }
-        Err(_) if digits(text) => Err(format!("{text} does not fit 64 bits; the header is damaged")),
-        Err(_) => Err(format!("{text:?} is not a whole number from 0 on; correct it")),
-    }
+    text.parse::<u64>().map_err(|_| match text.strip_prefix('-') {
+        Some(magnitude) if digits(magnitude) => BadNumber::Negative(text.to_owned()),
+        _ if digits(text) => BadNumber::TooLarge(text.to_owned()),
+        _ => BadNumber::NotWhole(text.to_owned()),
+    })
 }
 
 /// Parses exactly `N` numbers. Accepts NaN and infinities, in the spelling of C, MSVC and Rust;
 /// callers that need finite numbers check for them.
-pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], BadNumber> {
     let mut numbers = [0.0; N];
-    let mut count = 0;
-    for token in text.split_whitespace() {
-        let Some(value) = number(token) else {
-            return Err(format!("{token:?}, number {} of {N}, is not a number; correct it", count + 1));
+    let mut found = 0;
+    for word in text.split_whitespace() {
+        let Some(value) = number(word) else {
+            return Err(BadNumber::NotNumber { word: word.to_owned(), position: found + 1, wanted: N });
         };
-        if let Some(slot) = numbers.get_mut(count) {
+        if let Some(slot) = numbers.get_mut(found) {
             *slot = value;
         }
-        count += 1;
+        found += 1;
     }
-    if count == N {
-        Ok(numbers)
-    } else {
-        Err(format!("holds {count} numbers, but must hold exactly {N}; the line is damaged or was edited"))
-    }
+    if found == N { Ok(numbers) } else { Err(BadNumber::Count { found, wanted: N }) }
 }
 
 /// Parses exactly `N` finite numbers.
-pub(crate) fn finite<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub(crate) fn finite<const N: usize>(text: &str) -> Result<[f64; N], BadNumber> {
     let values = numbers::<N>(text)?;
-    if values.iter().any(|value| !value.is_finite()) {
-        return Err(format!("is {text:?}; its numbers must be finite"));
-    }
-    Ok(values)
+    if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(BadNumber::NotFinite(text.to_owned())) }
+}
+
+/// Parses a time, s.
+pub(crate) fn seconds(text: &str) -> Result<f64, BadNumber> {
+    number(text).filter(|seconds| seconds.is_finite()).ok_or_else(|| BadNumber::NotSeconds(text.to_owned()))
 }
 
 /// Parses a number in decimal notation.
@@ -69,18 +83,18 @@ mod tests {
         for nan in ["nan", "-nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND"] {
             assert!(numbers::<1>(nan).unwrap()[0].is_nan(), "{nan}");
         }
-        assert!(numbers::<16>(&"1 ".repeat(15)).unwrap_err().contains("holds 15 numbers, but must hold exactly 16"));
-        assert!(numbers::<2>("1 2 3").unwrap_err().contains("holds 3 numbers"));
-        assert!(numbers::<2>("1 x").unwrap_err().contains("\"x\", number 2 of 2, is not a number"));
+        assert_eq!(numbers::<16>(&"1 ".repeat(15)), Err(BadNumber::Count { found: 15, wanted: 16 }));
+        assert_eq!(numbers::<2>("1 2 3"), Err(BadNumber::Count { found: 3, wanted: 2 }));
+        assert_eq!(numbers::<2>("1 x"), Err(BadNumber::NotNumber { word: "x".into(), position: 2, wanted: 2 }));
     }
 
     #[test]
     fn whole_refuses_with_reason() {
         assert_eq!(whole("12"), Ok(12));
-        assert!(whole("-3").unwrap_err().contains("negative"));
-        assert!(whole("99999999999999999999").unwrap_err().contains("64 bits"));
+        assert_eq!(whole("-3"), Err(BadNumber::Negative("-3".into())));
+        assert!(matches!(whole("99999999999999999999"), Err(BadNumber::TooLarge(_))));
         for odd in ["", "-", "1.5", "x", "é"] {
-            assert!(whole(odd).unwrap_err().contains("not a whole number"), "{odd}");
+            assert_eq!(whole(odd), Err(BadNumber::NotWhole(odd.into())));
         }
     }
 }

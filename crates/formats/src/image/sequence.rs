@@ -4,7 +4,7 @@ use sonoweave_core::reading::{Status, split_transform_name};
 
 use crate::image::header::{Fault, FrameField, Header};
 use crate::image::layout::Layout;
-use crate::image::numbers::{number, numbers, whole};
+use crate::image::numbers::{BadNumber, numbers, seconds, whole};
 use crate::image::spacing::{self, ELEMENT_SPACING};
 
 /// Global field with the orientation of the images.
@@ -87,7 +87,7 @@ enum Role {
 impl Sequence {
     /// Interprets all per-frame fields, so that a bad one is refused before the first frame is
     /// delivered.
-    pub fn new(header: Header, layout: &Layout) -> Result<Self, Fault> {
+    pub(crate) fn new(header: Header, layout: &Layout) -> Result<Self, Fault> {
         let (roles, bases) = roles(&header);
         if header.frames.is_empty() && !layout.has_images() && (header.grammar.times)(&header)?.is_none() {
             return Err(layout
@@ -154,7 +154,7 @@ fn check_order(header: &Header, field: &FrameField, expected: u64, layout: &Layo
     }
     if field.frame != expected {
         let problem = format!(
-            "belongs to frame {}, but frame {expected} has no field at all; frames are numbered from 0 without gaps",
+            "belongs to frame {}, but frame {expected} has no fields; frames are numbered from 0 without gaps",
             field.frame
         );
         return Err(header.frame_fault(field, problem));
@@ -213,17 +213,15 @@ fn item(header: &Header, fields: &[FrameField], roles: &[Role]) -> Result<Item, 
     // Transforms first: a status may precede its transform.
     for field in fields {
         let Role::Transform(name) = roles[field.name as usize] else { continue };
-        let refused = |problem: String| header.frame_fault(field, problem);
         if item.transforms.iter().any(|transform| transform.name == name) {
-            return Err(refused(
-                "gives a transform that this frame already has under its other spelling; remove one of them".into(),
-            ));
+            let problem = "gives a transform that this frame already has under its other spelling; remove one of them";
+            return Err(header.frame_fault(field, problem));
         }
-        let matrix = numbers::<16>(&field.value).map_err(refused)?;
+        let matrix = numbers::<16>(&field.value).map_err(|bad| header.frame_fault(field, bad))?;
         item.transforms.push(ItemTransform { name, matrix, status: Status::Ok });
     }
     for field in fields {
-        let refused = |problem: String| header.frame_fault(field, problem);
+        let refused = |bad: BadNumber| header.frame_fault(field, bad);
         match roles[field.name as usize] {
             Role::Transform(_) => {}
             Role::Timestamp => item.source_s = Some(seconds(&field.value).map_err(refused)?),
@@ -251,14 +249,6 @@ fn item(header: &Header, fields: &[FrameField], roles: &[Role]) -> Result<Item, 
 fn worsen(status: &mut Status, word: &str) {
     if *status == Status::Ok && !word.eq_ignore_ascii_case("OK") {
         *status = Status::Other(word.to_owned().into());
-    }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match number(text) {
-        Some(seconds) if seconds.is_finite() => Ok(seconds),
-        Some(_) => Err(format!("is {text}, which is no time; it must be a finite number of seconds")),
-        None => Err(format!("is {text:?}, which is not a number; it must be a number of seconds")),
     }
 }
 
@@ -362,7 +352,9 @@ mod tests {
         let got = sequence(1, &format!("Seq_Frame0000_AToBTransform = {nan}\n")).unwrap();
         let matrix = got.item(0).transforms[0].matrix;
         assert!(matrix[0].is_nan() && matrix[1] == f64::INFINITY);
-        for (value, says) in [("nan", "finite"), ("inf", "finite"), ("noon", "not a number"), ("", "not a number")] {
+        for (value, says) in
+            [("nan", "finite"), ("inf", "finite"), ("noon", "number of seconds"), ("", "number of seconds")]
+        {
             for name in ["Timestamp", "UnfilteredTimestamp"] {
                 let (field, offset, problem) = problem(1, &format!("Seq_Frame0000_{name} = {value}\n"));
                 assert_eq!((field, offset), (format!("Seq_Frame0000_{name}"), 77));
@@ -406,8 +398,8 @@ mod tests {
                 "holds 15",
             ),
             (1, format!("Seq_Frame0000_AToB = {EYE}\n{}", t(0)), "Seq_Frame0000_AToBTransform", 130, "other spelling"),
-            (3, t(0) + &t(2), "Seq_Frame0002_AToBTransform", 77 + line, "frame 1 has no field at all"),
-            (2, t(1), "Seq_Frame0001_AToBTransform", 77, "frame 0 has no field at all"),
+            (3, t(0) + &t(2), "Seq_Frame0002_AToBTransform", 77 + line, "frame 1 has no fields"),
+            (2, t(1), "Seq_Frame0001_AToBTransform", 77, "frame 0 has no fields"),
             (1, t(0) + &t(1), "Seq_Frame0001_AToBTransform", 77 + line, "DimSize promises only 1"),
             (3, t(0) + &t(1), "DimSize", 10, "promises 3 frames, but fields Seq_Frame… are given for the first 2"),
             (3, String::new(), "DimSize", 10, "the recording is empty"),

@@ -1,6 +1,7 @@
 //! Pixel spacing of a sequence, as its file states it. It is only copied from file to file;
 //! computations use the calibration's own scale.
 
+use crate::Unwritable;
 use crate::image::numbers::number;
 use crate::image::write::text::list;
 
@@ -24,8 +25,8 @@ pub(crate) fn text(spacing: [f64; 3]) -> Option<String> {
 /// Separates the spacing field from the other fields.
 ///
 /// # Errors
-/// A sentence: the field holds no spacings.
-pub(crate) fn split(fields: &[(String, String)]) -> Result<([f64; 3], Fields), String> {
+/// [`Unwritable::Spacing`] and [`Unwritable::FieldTwice`].
+pub(crate) fn split(fields: &[(String, String)]) -> Result<([f64; 3], Fields), Unwritable> {
     let (own, others): (Fields, Fields) = fields.iter().cloned().partition(|(name, _)| name == ELEMENT_SPACING);
     let spacing = match own.as_slice() {
         [] => PLAIN,
@@ -34,10 +35,10 @@ pub(crate) fn split(fields: &[(String, String)]) -> Result<([f64; 3], Fields), S
             match numbers.collect::<Option<Vec<f64>>>().as_deref() {
                 Some(&[x, y]) => [x, y, 1.0],
                 Some(&[x, y, z]) => [x, y, z],
-                _ => return Err(format!("field {ELEMENT_SPACING} is {value:?}; it must be two or three lengths")),
+                _ => return Err(Unwritable::Spacing(value.clone())),
             }
         }
-        _ => return Err(format!("field {ELEMENT_SPACING} is given twice")),
+        _ => return Err(Unwritable::FieldTwice(ELEMENT_SPACING.into())),
     };
     Ok((spacing, others))
 }

@@ -1,38 +1,18 @@
 //! Reads pixel data frame by frame: raw, compressed or as text, into native byte order.
 
 use std::io::{self, BufRead};
+use std::path::{Path, PathBuf};
 
 use flate2::{Decompress, FlushDecompress, Status};
 
 use sonoweave_core::reading::PixelType;
 
+use crate::Error;
 use crate::image::digits;
 use crate::image::layout::{Encoding, Layout};
 
 /// Largest gzip window, as a power of two.
 const GZIP_WINDOW: u8 = 15;
-
-/// Error of a pixel stream, without its file.
-#[derive(Debug)]
-pub enum Trouble {
-    /// The file could not be read.
-    Io(io::Error),
-    /// The data do not match the header.
-    Data {
-        /// Number of the frame, from 0.
-        frame: u64,
-        /// Position in the file, bytes.
-        offset: u64,
-        /// The error and its remedy.
-        problem: String,
-    },
-}
-
-impl From<io::Error> for Trouble {
-    fn from(error: io::Error) -> Self {
-        Self::Io(error)
-    }
-}
 
 /// Reads layers (frames or slices) in sequence. Holds no layer itself.
 ///
@@ -40,6 +20,8 @@ impl From<io::Error> for Trouble {
 /// complete one.
 pub struct PixelStream<R> {
     reader: R,
+    /// The file, for errors.
+    path: PathBuf,
     encoding: Encoding,
     inflate: Option<Decompress>,
     ended: bool,
@@ -57,12 +39,13 @@ pub struct PixelStream<R> {
 }
 
 impl<R: BufRead> PixelStream<R> {
-    /// Creates a stream; `reader` must be at the beginning of the data.
-    pub fn new(reader: R, layout: &Layout) -> Self {
+    /// Creates a stream; `reader` must be at the beginning of the data in the file `path`.
+    pub fn new(reader: R, path: &Path, layout: &Layout) -> Self {
         let native = layout.encoding == Encoding::Text || layout.big_endian == cfg!(target_endian = "big");
         let swap = if native { 1 } else { layout.pixel.bytes() };
         Self {
             reader,
+            path: path.to_owned(),
             encoding: layout.encoding,
             inflate: decompress(layout.encoding),
             ended: false,
@@ -79,7 +62,11 @@ impl<R: BufRead> PixelStream<R> {
 
     /// Fills `out`, which has the length of a layer. The last layer also verifies the stream's
     /// end and checksum, so that a damaged stream always gives an error.
-    pub fn read(&mut self, out: &mut [u8]) -> Result<(), Trouble> {
+    ///
+    /// # Errors
+    /// [`Error::Data`] when the data do not match the header, [`Error::Io`] when the file cannot be
+    /// read.
+    pub fn read(&mut self, out: &mut [u8]) -> Result<(), Error> {
         self.leave_out()?;
         if self.encoding == Encoding::Text {
             self.parse(out)?;
@@ -105,17 +92,17 @@ impl<R: BufRead> PixelStream<R> {
     }
 
     /// Skips the data before the first pixel.
-    fn leave_out(&mut self) -> Result<(), Trouble> {
+    fn leave_out(&mut self) -> Result<(), Error> {
         let mut scratch = [0; 4096];
         while self.skip > 0 {
             let wanted = usize::try_from(self.skip).unwrap_or(usize::MAX).min(scratch.len());
             let filled = match self.encoding {
-                Encoding::Text => self.reader.read(&mut scratch[..wanted])?,
+                Encoding::Text => self.reader.read(&mut scratch[..wanted]).map_err(|error| self.failed(error))?,
                 _ => self.inflate(&mut scratch[..wanted])?,
             };
             if filled == 0 {
                 return Err(self.data(
-                    "the data end before the bytes to be skipped do; correct the field that says how many they are",
+                    "the data are shorter than the bytes to be skipped before them; correct the field that gives their number",
                 ));
             }
             if self.encoding == Encoding::Text {
@@ -127,44 +114,57 @@ impl<R: BufRead> PixelStream<R> {
     }
 
     /// Reads numbers written as text.
-    fn parse(&mut self, out: &mut [u8]) -> Result<(), Trouble> {
+    fn parse(&mut self, out: &mut [u8]) -> Result<(), Error> {
         for scalar in out.chunks_exact_mut(self.pixel.bytes()) {
-            let token = digits::token(&mut self.reader, &mut self.consumed)?;
-            match token {
-                Some(token) => digits::put(&token, self.pixel, scalar).map_err(|problem| self.data(problem))?,
-                None => return Err(self.data("the numbers end before it does; the file is cut short or its header promises too much: copy it again")),
+            let Some(token) = self.token()? else {
+                return Err(self.data(
+                    "there are fewer numbers than pixels; the file is cut short or its header promises too much: copy it again",
+                ));
+            };
+            if digits::put(&token, self.pixel, scalar).is_none() {
+                let (token, pixel): (String, _) = (token.chars().take(40).collect(), self.pixel);
+                return Err(self.data(format!("{token:?} is not a value of {pixel:?}; correct it or the type")));
             }
         }
         Ok(())
     }
 
-    fn data(&self, problem: impl Into<String>) -> Trouble {
-        Trouble::Data { frame: self.next, offset: self.data_at + self.consumed, problem: problem.into() }
+    fn token(&mut self) -> Result<Option<String>, Error> {
+        digits::token(&mut self.reader, &mut self.consumed).map_err(|error| self.failed(error))
     }
 
-    fn copy(&mut self, out: &mut [u8]) -> Result<(), Trouble> {
+    fn data(&self, problem: impl Into<String>) -> Error {
+        let (path, offset) = (self.path.clone(), self.data_at + self.consumed);
+        Error::Data { path, frame: self.next, offset, problem: problem.into() }
+    }
+
+    fn failed(&self, source: io::Error) -> Error {
+        Error::Io { path: self.path.clone(), doing: "reading pixels", source }
+    }
+
+    fn copy(&mut self, out: &mut [u8]) -> Result<(), Error> {
         match self.reader.read_exact(out) {
             Ok(()) => {
                 self.consumed += out.len() as u64;
                 Ok(())
             }
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
-                Err(self.data("the file ends within it, though it was longer when opened; copy or record it again"))
+                Err(self.data("the file has become shorter since it was opened; copy or record it again"))
             }
-            Err(error) => Err(error.into()),
+            Err(error) => Err(self.failed(error)),
         }
     }
 
     /// Fills as much of `out` as the stream provides; less only when the compressed stream has
     /// ended.
-    fn inflate(&mut self, out: &mut [u8]) -> Result<usize, Trouble> {
+    fn inflate(&mut self, out: &mut [u8]) -> Result<usize, Error> {
         let mut filled = 0;
         while filled < out.len() && !self.ended {
             let Some(inflate) = &mut self.inflate else { break };
             let input = match self.reader.fill_buf() {
                 Ok(input) => input,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(self.failed(error)),
             };
             let left = usize::try_from(self.data_bytes - self.consumed).unwrap_or(usize::MAX);
             let input = &input[..input.len().min(left)];
@@ -200,8 +200,8 @@ impl<R: BufRead> PixelStream<R> {
         Ok(filled)
     }
 
-    fn check_end(&mut self) -> Result<(), Trouble> {
-        if self.encoding == Encoding::Text && digits::token(&mut self.reader, &mut self.consumed)?.is_some() {
+    fn check_end(&mut self) -> Result<(), Error> {
+        if self.encoding == Encoding::Text && self.token()?.is_some() {
             return Err(self.data(
                 "more numbers follow the last frame that the header promises; correct it or write the file again",
             ));
@@ -267,8 +267,8 @@ mod tests {
         encoder.finish().unwrap()
     }
 
-    fn all(data: &[u8], layout: &Layout) -> Result<Vec<u8>, Trouble> {
-        let mut stream = PixelStream::new(data, layout);
+    fn all(data: &[u8], layout: &Layout) -> Result<Vec<u8>, Error> {
+        let mut stream = PixelStream::new(data, Path::new("f.mha"), layout);
         let mut whole = Vec::new();
         let mut layer = vec![0; layout.layer_bytes];
         for _ in 0..layout.layers {
@@ -315,14 +315,14 @@ mod tests {
         assert_eq!(all(&whole, &promised).unwrap(), pixels);
         for cut in 0..whole.len() {
             let cut = &whole[..cut];
-            let trouble = all(cut, &Layout { data_bytes: cut.len() as u64, ..promised.clone() }).unwrap_err();
-            let Trouble::Data { offset, problem, .. } = trouble else { panic!("{trouble:?}") };
+            let error = all(cut, &Layout { data_bytes: cut.len() as u64, ..promised.clone() }).unwrap_err();
+            let Error::Data { offset, problem, .. } = error else { panic!("{error}") };
             assert!(offset <= 1000 + cut.len() as u64);
             assert!(problem.contains("ends within the compressed data"), "{problem}");
         }
-        let says = |trouble: Result<Vec<u8>, Trouble>, frame: u64, text: &str| match trouble.unwrap_err() {
-            Trouble::Data { frame: f, problem, .. } => assert!(f == frame && problem.contains(text), "{f} {problem}"),
-            Trouble::Io(error) => panic!("{error}"),
+        let says = |read: Result<Vec<u8>, Error>, frame: u64, text: &str| match read.unwrap_err() {
+            Error::Data { frame: f, problem, .. } => assert!(f == frame && problem.contains(text), "{f} {problem}"),
+            other => panic!("{other}"),
         };
         says(all(&whole, &Layout { layers: 5, ..promised.clone() }), 4, "end after 0 of its 50 bytes");
         says(all(&whole, &Layout { layers: 3, ..promised.clone() }), 2, "more pixels follow the last frame");
@@ -332,7 +332,7 @@ mod tests {
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
         says(all(&flipped, &promised), 3, "damaged");
-        says(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "ends within it");
+        says(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "has become shorter");
     }
 
     struct Counting<R>(R, Rc<Cell<usize>>);
@@ -351,7 +351,8 @@ mod tests {
         let pixels: Vec<u8> = (0..100 * frame).map(|n: usize| n as u8).collect();
         let count = Rc::new(Cell::new(0));
         let reader = BufReader::with_capacity(512, Counting(&pixels[..], Rc::clone(&count)));
-        let mut stream = PixelStream::new(reader, &layout(100, frame, PixelType::U8, false, false, &pixels));
+        let mut stream =
+            PixelStream::new(reader, Path::new("f.mha"), &layout(100, frame, PixelType::U8, false, false, &pixels));
         let mut out = vec![0; frame];
         for frames in 1..=100 {
             stream.read(&mut out).unwrap();

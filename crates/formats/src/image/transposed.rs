@@ -2,10 +2,12 @@
 //! first pixel of all frames comes first, so that no frame is complete before the last byte.
 
 use std::io::BufRead;
+use std::path::Path;
 use std::sync::Arc;
 
+use crate::Error;
 use crate::image::layout::{Layout, ListAxis};
-use crate::image::stream::{PixelStream, Trouble};
+use crate::image::stream::PixelStream;
 
 /// Callback: receives the number of rows read and the number of all rows, of all frames.
 pub type Told = Arc<dyn Fn(u64, u64) + Send + Sync>;
@@ -15,16 +17,23 @@ pub type Told = Arc<dyn Fn(u64, u64) + Send + Sync>;
 const BLOCK: usize = 64;
 
 /// Reads all frames, in sequence. `layout` has passed the limit on their total size.
-pub fn frames<R: BufRead>(reader: R, layout: &Layout, told: Option<&Told>) -> Result<Vec<u8>, Trouble> {
+///
+/// # Errors
+/// The errors of [`PixelStream::read`].
+pub fn frames<R: BufRead>(reader: R, path: &Path, layout: &Layout, told: Option<&Told>) -> Result<Vec<u8>, Error> {
     let [width, height] = layout.size.map(|n| n as usize);
     let frames = layout.layers as usize;
     let pixel = layout.pixel.bytes() * layout.channels as usize;
     // A layer of the stream is one row of all frames.
     let rows =
         Layout { list: ListAxis::Last, layers: height as u64, layer_bytes: frames * width * pixel, ..layout.clone() };
-    let mut stream = PixelStream::new(reader, &rows);
+    let mut stream = PixelStream::new(reader, path, &rows);
     let mut all = Vec::new();
-    all.try_reserve_exact(frames * layout.layer_bytes).map_err(|error| Trouble::Io(std::io::Error::other(error)))?;
+    all.try_reserve_exact(frames * layout.layer_bytes).map_err(|error| Error::Io {
+        path: path.to_owned(),
+        doing: "reading pixels",
+        source: std::io::Error::other(error),
+    })?;
     all.resize(frames * layout.layer_bytes, 0);
     let mut row = vec![0; rows.layer_bytes];
     for y in 0..height {

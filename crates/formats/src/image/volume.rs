@@ -2,16 +2,15 @@
 
 use std::fs::File;
 use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use sonoweave_core::Error;
 use sonoweave_core::reading::PixelType;
 
-use crate::Limits;
 use crate::image::header::{Fault, Header};
 use crate::image::layout::{Content, Encoding, Layout, names_list};
 use crate::image::nifti;
 use crate::image::stream::PixelStream;
+use crate::{Error, Limits};
 
 /// Position of a volume in space: spacing and origin in mm, and the axes' directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,8 +75,9 @@ impl VolumeHeader {
                 None if layout.layers == 1 => {
                     shape.fault(format!("is {:?}: this is a single image; a volume has 3 axes", &*shape.value))
                 }
-                None => shape
-                    .fault("is that of a sequence of frames, which have fields Seq_Frame…, not of a volume; reconstruct it first"),
+                None => shape.fault(
+                    "is that of a sequence of frames (fields Seq_Frame…), not of a volume; reconstruct it first",
+                ),
             });
         }
         if !layout.has_images() {
@@ -133,7 +133,7 @@ impl Scaling {
 /// Reads a volume slice by slice. Memory: the header and one slice.
 ///
 /// ```no_run
-/// # fn main() -> Result<(), sonoweave_core::Error> {
+/// # fn main() -> Result<(), formats::Error> {
 /// use formats::{Limits, image::VolumeReader};
 /// let mut volume = VolumeReader::open("volume.mha".as_ref(), &Limits::default())?;
 /// while let Some(slice) = volume.next_slice()? {
@@ -144,7 +144,6 @@ impl Scaling {
 /// # }
 /// ```
 pub struct VolumeReader {
-    path: PathBuf,
     header: VolumeHeader,
     stream: PixelStream<BufReader<File>>,
     left: u32,
@@ -164,17 +163,17 @@ impl VolumeReader {
     pub fn open(path: &Path, limits: &Limits) -> Result<Self, Error> {
         if let Some(nifti::read::Opened { reader, header, layout, scaling }) = crate::image::open_nifti(path, limits)? {
             let scaling = scaling.map(|scaling| (layout.pixel, scaling));
-            return Ok(Self { scaling, ..Self::new(path.to_owned(), header, reader, &layout) });
+            return Ok(Self { scaling, ..Self::new(path, header, reader, &layout) });
         }
         let opened = crate::image::open(path, limits)?;
         let header = VolumeHeader::new_from(opened.header, &opened.layout).map_err(|fault| fault.at(path))?;
-        Ok(Self::new(opened.data_path, header, opened.reader, &opened.layout))
+        Ok(Self::new(&opened.data_path, header, opened.reader, &opened.layout))
     }
 
-    fn new(path: PathBuf, header: VolumeHeader, reader: BufReader<File>, layout: &Layout) -> Self {
-        let (left, stream) = (header.size[2], PixelStream::new(reader, layout));
+    fn new(path: &Path, header: VolumeHeader, reader: BufReader<File>, layout: &Layout) -> Self {
+        let (left, stream) = (header.size[2], PixelStream::new(reader, path, layout));
         let (slice, scaled) = (Vec::new(), Vec::new());
-        Self { path, header, stream, left, slice, bytes: layout.layer_bytes, scaling: None, scaled }
+        Self { header, stream, left, slice, bytes: layout.layer_bytes, scaling: None, scaled }
     }
 
     /// Returns the volume's header.
@@ -202,9 +201,9 @@ impl VolumeReader {
                     &self.scaled
                 }
             })),
-            Err(trouble) => {
+            Err(error) => {
                 self.left = 0;
-                Err(crate::image::trouble_at(trouble, &self.path))
+                Err(error)
             }
         }
     }

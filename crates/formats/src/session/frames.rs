@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use sonoweave_core::Error;
 use sonoweave_core::reading::{Frame, Reading};
 
-use crate::Limits;
 use crate::session::message::Maker;
 use crate::session::reader::{Event, Message, SessionReader};
+use crate::{Error, Limits};
 
 /// Position of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +34,7 @@ impl Frames {
     /// parts contribute no frames.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Session`] when it is no session.
+    /// [`Error::Io`] when the file cannot be read, [`Error::NoSession`] when it is no session.
     pub fn open(path: &Path, device: &str, limits: &Limits) -> Result<Self, Error> {
         let mut reader = SessionReader::open(path, limits)?;
         let mut places: Vec<Place> = Vec::new();
@@ -65,12 +64,15 @@ impl Frames {
     ///
     /// # Errors
     /// [`Error::Io`] when the file can no longer be read. [`Error::Session`] when the frame is
-    /// no longer at its position, or this version cannot read it.
+    /// no longer at its position, [`Error::Message`] when this version cannot read it.
     pub fn read(&mut self, place: usize) -> Result<Option<Frame>, Error> {
         let Some(Place { chunk, within }) = self.places.get(place).copied() else { return Ok(None) };
         let Self { path, reader, maker, device, .. } = self;
-        let failed = |problem: &str| Error::Session { path: path.clone(), offset: chunk, problem: problem.into() };
-        let other = || failed("has something else where a frame was; was it written anew?");
+        let other = || {
+            let problem =
+                format!("the frame at byte {chunk} is not there any more; the file was written again: reopen it");
+            Error::Session { path: path.clone(), problem }
+        };
         reader.return_to(chunk)?;
         let mut left = within;
         loop {
@@ -89,7 +91,7 @@ impl Frames {
             match found {
                 Some(Ok(Some(Reading::Frame(frame)))) => return Ok(Some(frame)),
                 Some(Ok(_)) => return Err(other()),
-                Some(Err(why)) => return Err(failed(&why.to_string())),
+                Some(Err(source)) => return Err(Error::Message { path: path.clone(), source }),
                 None => {}
             }
         }

@@ -8,6 +8,7 @@ use sonoweave_core::clock::SECOND;
 use sonoweave_core::pool::Pool;
 use sonoweave_core::reading::{Counts, Frame, NamedTransform, PixelType, Pose, Raw, Reading, Recorded, Stamp, Status};
 
+use crate::Unreadable;
 use crate::session::picture::{Decoder, Encoder, Shape};
 use crate::session::proto::{Fields, Malformed, Reader, Value};
 use crate::session::reader::Message;
@@ -213,23 +214,6 @@ pub(super) fn name_of(pixel: PixelType) -> &'static str {
 
 pub(super) fn pixel_of(name: &str) -> Option<PixelType> {
     PIXELS.iter().find(|(_, one)| *one == name).map(|(pixel, _)| *pixel)
-}
-
-/// Reason why a message gives no reading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Unreadable {
-    /// The message does not match its schema.
-    #[error("a message is not what its schema says; use the version that wrote the session")]
-    Malformed,
-    /// The message has an unknown version.
-    #[error("a message is of version {0}, which is not known here; use the version that wrote the session")]
-    Version(u64),
-    /// A frame's encoded pixels are invalid, with the fault.
-    #[error("a frame has {0}; use the version that wrote the session")]
-    Picture(&'static str),
-    /// A frame is too large, with its size in bytes.
-    #[error("a frame has {0} bytes, more than the limit; raise the limit if that is true")]
-    TooLarge(u64),
 }
 
 impl From<Malformed> for Unreadable {

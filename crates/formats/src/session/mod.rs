@@ -66,7 +66,7 @@ pub use about::{About, LineProtocol, Loss, RecordedDevice};
 pub use account::{Account, Room};
 pub use frames::Frames;
 pub use held::Store;
-pub use message::{Crop, Maker, Unreadable};
+pub use message::{Crop, Maker};
 pub use reader::{Channel, Ending, Event, Message, SessionReader};
 pub use repair::{Repaired, repair};
 pub use walk::Damage;

@@ -240,17 +240,17 @@ impl Decoder {
         // One byte more, so that excess data is detected.
         self.filtered.resize(filtered_bytes + 1, 0);
         if inflate(data, &mut self.filtered)? != filtered_bytes {
-            return Err("a picture of another size than it says");
+            return Err("an image of another size than its header states");
         }
         let mut above: &[u8] = &[];
         let rows = self.filtered[..filtered_bytes].chunks_exact_mut(1 + shape.row_bytes);
         for (row, to) in rows.zip(to.chunks_mut(stride)) {
-            let [filter, row @ ..] = row else { return Err("a picture without rows") };
+            let [filter, row @ ..] = row else { return Err("an image without rows") };
             if *filter != AVERAGE {
-                return Err("a picture by another program");
+                return Err("an image of another program");
             }
             undo(row, above, shape.pixel_bytes);
-            let to = to.get_mut(..row.len()).ok_or("a picture larger than its frame")?;
+            let to = to.get_mut(..row.len()).ok_or("an image larger than its frame")?;
             if shape.swapped {
                 let pairs = row.as_chunks::<2>().0.iter().zip(to.as_chunks_mut::<2>().0);
                 pairs.for_each(|([a, b], to)| *to = [*b, *a]);
@@ -265,11 +265,11 @@ impl Decoder {
 
 /// Returns the content of an image's single data chunk.
 fn deflated<'a>(shape: &Shape, picture: &'a [u8]) -> Result<&'a [u8], &'static str> {
-    const NO: &str = "no picture that a session has";
+    const NO: &str = "an image of an unknown kind";
     let rest = picture.strip_prefix(&MAGIC).ok_or(NO)?;
     let (header, rest) = part(rest, *b"IHDR").ok_or(NO)?;
     if *header != shape.header() {
-        return Err("a picture of another size or kind than its message says");
+        return Err("an image of another size or kind than its message states");
     }
     let (data, rest) = part(rest, *b"IDAT").ok_or(NO)?;
     part(rest, *b"IEND").map(|_| data).ok_or(NO)
@@ -284,7 +284,7 @@ fn part(bytes: &[u8], name: [u8; 4]) -> Option<(&[u8], &[u8])> {
 
 /// Inflates `data` into `to`; returns the number of bytes.
 fn inflate(data: &[u8], to: &mut [u8]) -> Result<usize, &'static str> {
-    const DAMAGED: &str = "a damaged picture";
+    const DAMAGED: &str = "a damaged image";
     let mut inflater = fdeflate::Decompressor::new();
     let (mut read, mut written) = (0, 0);
     while !inflater.is_done() {

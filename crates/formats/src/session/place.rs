@@ -4,8 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-use sonoweave_core::Error;
 use sonoweave_core::clock::SECOND;
+
+use crate::Error;
 
 /// Number of names tried within one second.
 const TRIES: u32 = 1000;

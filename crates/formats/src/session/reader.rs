@@ -7,14 +7,12 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Record, op};
 
-use sonoweave_core::Error;
-
-use crate::Limits;
 use crate::session::about::{About, Loss, RecordedDevice};
 use crate::session::proto::{Malformed, Reader as Fields};
 use crate::session::schema::{self, Schema};
 use crate::session::walk::{Damage, Piece, Walker};
 use crate::session::{CHANNELS, PROFILE, record};
+use crate::{Error, Limits, NoSession};
 
 /// A topic of a session.
 #[derive(Debug, Clone)]
@@ -147,7 +145,7 @@ impl SessionReader {
     /// Opens a file.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be read, [`Error::Session`] when it is no session.
+    /// [`Error::Io`] when it cannot be read, [`Error::NoSession`] when it is no session.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self, Error> {
         let failed = |source| Error::Io { path: path.to_owned(), doing: "opening the session", source };
         let file = File::open(path).map_err(failed)?;
@@ -192,27 +190,23 @@ impl<R: Read + Seek> SessionReader<R> {
                         self.first.reverse();
                         return Ok(());
                     }
-                    return Err(self.refused(
-                        at,
-                        "holds no session of sonoweave's; give a file that `live --record` wrote".into(),
-                    ));
+                    return Err(self.refused(NoSession::Undescribed));
                 }
                 Piece::End { .. } => {
-                    let problem = match &self.walker.header {
-                        Some([profile, library]) if profile != PROFILE => format!(
-                            "is an MCAP file of profile {profile:?} by {library:?} and no session of sonoweave's; give a file that `live --record` wrote"
-                        ),
-                        Some(_) => "is a session that ends before anything was recorded; there is nothing in it".into(),
-                        None => "is no session: not one whole chunk of an MCAP file is in it; give a file that `live --record` wrote".into(),
-                    };
-                    return Err(self.refused(0, problem));
+                    return Err(self.refused(match &self.walker.header {
+                        Some([profile, library]) if profile != PROFILE => {
+                            NoSession::Foreign { profile: profile.clone(), library: library.clone() }
+                        }
+                        Some(_) => NoSession::Empty,
+                        None => NoSession::NoChunk,
+                    }));
                 }
             }
         }
     }
 
-    fn refused(&self, offset: u64, problem: String) -> Error {
-        Error::Session { path: self.path.clone(), offset, problem }
+    fn refused(&self, source: NoSession) -> Error {
+        Error::NoSession { path: self.path.clone(), source }
     }
 
     /// Returns the file.
@@ -297,7 +291,7 @@ impl<R: Read + Seek> SessionReader<R> {
         }
         let until = at + 49 + records.len() as u64;
         if !rest.is_empty() || !is_sound {
-            let what = "a chunk with records that are none, or by another program";
+            let what = "a chunk with unknown records, or of another program";
             self.told = Some(Damage { from: at, until, what, is_loss: true });
         } else if met[0] <= met[1] && met != times {
             let what = "a chunk whose header has other times than its messages; no message is concerned";

@@ -5,14 +5,12 @@ use std::path::Path;
 
 use mcap::records::MessageHeader;
 
-use sonoweave_core::Error;
-
-use crate::Limits;
 use crate::session::about::{About, Loss};
 use crate::session::reader::{Ending, Event, SessionReader};
 use crate::session::schema;
 use crate::session::walk::Damage;
 use crate::session::writer::{SessionWriter, WriterOptions};
+use crate::{Error, Limits};
 
 /// Result of a repair.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,7 +31,7 @@ pub struct Repaired {
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be read or written, or the new one exists already.
-/// [`Error::Session`] when the old one is no session. An incomplete new file is removed.
+/// [`Error::NoSession`] when the old one is no session. An incomplete new file is removed.
 pub fn repair(from: &Path, to: &Path, limits: &Limits) -> Result<Repaired, Error> {
     let mut reader = SessionReader::open(from, limits)?;
     let failed = |source| Error::Io { path: to.to_owned(), doing: "making the repaired session", source };
@@ -56,11 +54,8 @@ fn copy(reader: &mut SessionReader, file: File, to: &Path) -> Result<Repaired, E
             Event::Damage(part) => damage.push(part),
             Event::Message(message) => {
                 let Some(schema) = message.channel.known else {
-                    let problem = format!(
-                        "{} holds messages {:?}, which are not known to this version; repair it with the version that wrote it",
-                        message.channel.topic, message.channel.schema
-                    );
-                    return Err(Error::Session { path: reader.path().to_owned(), offset: 0, problem });
+                    let (topic, schema) = (message.channel.topic.clone(), message.channel.schema.clone());
+                    return Err(Error::UnknownMessages { path: reader.path().to_owned(), topic, schema });
                 };
                 let log_ns = message.log_ns();
                 span = [if span[0] == 0 { log_ns } else { span[0] }, log_ns];

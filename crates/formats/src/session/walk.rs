@@ -144,7 +144,7 @@ impl<R: Read + Seek> Walker<R> {
             self.sum.update(&magic[..there]);
             self.position = there as u64;
             if magic != mcap::MAGIC {
-                self.begin_damage(0, "does not begin as an MCAP file does");
+                self.begin_damage(0, "the beginning of an MCAP file is missing");
                 self.position = 0;
                 self.find_chunk(0)?;
             }
@@ -211,13 +211,13 @@ impl<R: Read + Seek> Walker<R> {
         let at = self.position;
         let left = self.length - at;
         if left < HEAD {
-            return Ok(Step::Lost("a record that was begun"));
+            return Ok(Step::Lost("an incomplete record"));
         }
         self.buffer.clear();
         self.fill(HEAD)?;
         let (kind, length) = (self.buffer[0], number(&self.buffer, 1));
         if length > left - HEAD {
-            return Ok(Step::Lost(if kind == op::CHUNK { "a chunk that was begun" } else { "no record" }));
+            return Ok(Step::Lost(if kind == op::CHUNK { "an incomplete chunk" } else { "bytes that are no record" }));
         }
         match kind {
             op::CHUNK if length > self.most_bytes => Ok(Step::Lost("a chunk larger than the limit")),
@@ -228,13 +228,13 @@ impl<R: Read + Seek> Walker<R> {
                 self.buffer.clear();
                 self.fill(length)?;
                 if !self.is_sound(at, kind) {
-                    return Ok(Step::Lost("no record that a session has"));
+                    return Ok(Step::Lost("a record that sessions do not have"));
                 }
                 self.sum.update(&head);
                 self.sum.update(&self.buffer);
                 Ok(Step::Other)
             }
-            _ => Ok(Step::Lost("no record that a session has")),
+            _ => Ok(Step::Lost("a record that sessions do not have")),
         }
     }
 
@@ -266,14 +266,14 @@ impl<R: Read + Seek> Walker<R> {
         }
         self.fill(CHUNK_HEAD as u64)?;
         if begins_chunk(&self.buffer).is_none() {
-            return Ok(Step::Lost("a chunk whose header contradicts itself, or of another program"));
+            return Ok(Step::Lost("a chunk with a contradictory header, or of another program"));
         }
         let head: [u8; 9] = self.buffer[..9].try_into().unwrap_or_default();
         self.buffer.drain(..9);
         self.fill(length - CHUNK_HEAD as u64)?;
         let stored = short(&self.buffer, 24);
         if crc32fast::hash(self.records()) != stored {
-            return Ok(Step::Bad("a chunk whose checksum does not fit", self.position));
+            return Ok(Step::Bad("a chunk with a wrong checksum", self.position));
         }
         self.sum.update(&head);
         self.sum.update(&self.buffer);
@@ -289,7 +289,7 @@ impl<R: Read + Seek> Walker<R> {
         let data_fits = !self.is_whole || stored == self.sum.clone().finalize();
         let mut left = self.length - self.position;
         if left < FOOT {
-            return Ok(Step::Lost("an index that was begun"));
+            return Ok(Step::Lost("an incomplete index"));
         }
         let mut sum = crc32fast::Hasher::new();
         // Everything but the checksum and the magic after it.
@@ -308,8 +308,8 @@ impl<R: Read + Seek> Walker<R> {
         }
         self.ended = Some(true);
         let what = match data_fits {
-            true => "an index that is damaged; no message is concerned",
-            false => "an index between chunks that is damaged; no message is concerned",
+            true => "a damaged index; no message is affected",
+            false => "a damaged index between chunks; no message is affected",
         };
         let from = if data_fits { at } else { 0 };
         Ok(Step::Piece(Piece::Damage(Damage { from, until: self.length, what, is_loss: false })))

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Metadata};
 
+use sonoweave_core::Description;
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{Reading, Recorded, Stamp};
-use sonoweave_core::{Description, Error};
 
 use crate::session::about::{About, RecordedDevice};
 use crate::session::account::{Account, Losing, Rate, Room};
@@ -18,6 +18,7 @@ use crate::session::message::{self, Crop};
 use crate::session::picture::Encoder;
 use crate::session::schema::{self, Schema};
 use crate::session::{LineProtocol, PROFILE, place};
+use crate::{Error, Unwritable};
 use channels::{Channel, Device};
 
 /// Options for writing a session.
@@ -116,7 +117,7 @@ impl SessionWriter {
             .profile(PROFILE)
             .library(options.program.clone())
             .create(tail.clone())
-            .map_err(|error| misuse(path, &error))?;
+            .map_err(|error| refused(path, error))?;
         let mut writer = Self {
             path: path.to_owned(),
             options,
@@ -148,7 +149,7 @@ impl SessionWriter {
             ("version".to_owned(), schema::VERSION.to_string()),
         ]);
         let metadata = Metadata { name: PROFILE.to_owned(), metadata };
-        writer.file.write_metadata(&metadata).map_err(|error| misuse(path, &error))?;
+        writer.file.write_metadata(&metadata).map_err(|error| refused(path, error))?;
         writer.session = writer.channel("/session".into(), &schema::SESSION)?;
         writer.losses = writer.channel("/losses".into(), &schema::LOSS)?;
         let at_ns = about.monotonic_ns;
@@ -170,7 +171,7 @@ impl SessionWriter {
     /// the part of its frames to keep (without `crop`, all).
     ///
     /// # Errors
-    /// [`Error::Misuse`] for a name that is taken, empty, or has a slash.
+    /// [`Unwritable::DeviceName`] for a name that is taken, empty, or has a slash.
     pub fn device(
         &mut self,
         name: &str,
@@ -180,10 +181,7 @@ impl SessionWriter {
     ) -> Result<Source, Error> {
         let is_taken = self.devices.iter().any(|device| device.recorded.name == name);
         if is_taken || name.is_empty() || name.contains('/') || ["session", "losses", "note"].contains(&name) {
-            return Err(Error::Misuse(format!(
-                "{}: a device cannot be called {name:?} here; give it a name of its own, without slashes",
-                self.path.display()
-            )));
+            return Err(Error::Unwritable { path: self.path.clone(), source: Unwritable::DeviceName(name.to_owned()) });
         }
         let about = self.channel(format!("/{name}/about"), &schema::DEVICE)?;
         let recorded = RecordedDevice { name: name.to_owned(), speech, description: description.clone() };
@@ -224,7 +222,7 @@ impl SessionWriter {
     /// # Errors
     /// [`Error::Io`] each time that writing begins to fail. The session is intact up to there,
     /// and the writer keeps trying. It counts losses meanwhile ([`Self::account`]) and records
-    /// them in the session as soon as possible. [`Error::Misuse`] for more channels than a file
+    /// them in the session as soon as possible. [`Unwritable::Mcap`] for more channels than a file
     /// can have.
     pub fn write(&mut self, source: Source, reading: &Reading, at_ns: i64) -> Result<(), Error> {
         let channel = self.channel_of(source, reading)?;
@@ -350,7 +348,7 @@ impl SessionWriter {
     fn end(&mut self, now_ns: i64) -> Result<(), Error> {
         self.finished = true;
         self.tell_losses(now_ns)?;
-        self.file.finish().map_err(|error| misuse(&self.path, &error))?;
+        self.file.finish().map_err(|error| refused(&self.path, error))?;
         // The index and the end of the file.
         self.whole();
         let mut held = self.tail.held();
@@ -382,7 +380,7 @@ impl SessionWriter {
 
     fn close(&mut self) -> Result<(), Error> {
         self.chunk_ns = None;
-        self.file.flush().map_err(|error| misuse(&self.path, &error))?;
+        self.file.flush().map_err(|error| refused(&self.path, error))?;
         self.whole();
         Ok(())
     }
@@ -472,7 +470,7 @@ impl SessionWriter {
         let header = MessageHeader { channel_id: channel, sequence, log_time, publish_time };
         self.account.messages += 1;
         self.begun += 1;
-        self.file.write_to_known_channel(&header, &self.message).map_err(|error| misuse(&self.path, &error))
+        self.file.write_to_known_channel(&header, &self.message).map_err(|error| refused(&self.path, error))
     }
 
     /// Begins a chunk, unless one is open. It starts with the channel table, so that it is
@@ -496,6 +494,6 @@ impl Drop for SessionWriter {
     }
 }
 
-fn misuse(path: &Path, error: &mcap::McapError) -> Error {
-    Error::Misuse(format!("{}: the session cannot be written so: {error}", path.display()))
+fn refused(path: &Path, error: mcap::McapError) -> Error {
+    Error::Unwritable { path: path.to_owned(), source: Unwritable::Mcap(error) }
 }

@@ -51,8 +51,8 @@ impl RecordedDecisions {
     /// Reads all decisions of a session; frames stay compressed.
     ///
     /// # Errors
-    /// [`Error`] same as [`SessionReplay`], or [`Error::Session`] for a note that this program
-    /// did not write.
+    /// [`Error`] same as [`SessionReplay`], or [`formats::Error::Session`] for a note that this
+    /// program did not write.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut replay = SessionReplay::open(&SessionSettings { images: false, ..SessionSettings::new(path) })?;
         let mut precedent = Self { drops: true, ..Self::default() };
@@ -196,13 +196,10 @@ impl RecordedDecisions {
 }
 
 pub(super) fn of_json<T: DeserializeOwned>(path: &Path, kind: &str, text: &str) -> Result<T, Error> {
-    serde_json::from_str(text).map_err(|error| Error::Session {
-        path: path.to_owned(),
-        offset: 0,
-        problem: format!(
-            "a note of the kind {kind:?} is not what this version writes ({error}); use the version that wrote the session"
-        ),
-    })
+    let problem =
+        |error| format!("cannot read a note of kind {kind:?} ({error}); use the version that wrote the session");
+    let refused = |error| formats::Error::Session { path: path.to_owned(), problem: problem(error) };
+    serde_json::from_str(text).map_err(|error: serde_json::Error| refused(error).into())
 }
 
 #[cfg(test)]

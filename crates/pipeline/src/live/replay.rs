@@ -112,9 +112,8 @@ pub(super) fn run(
 }
 
 fn place(names: &[String], device: &str, path: &Path) -> Result<usize, Error> {
-    names.iter().position(|name| name == device).ok_or_else(|| Error::Session {
-        path: path.to_owned(),
-        offset: 0,
-        problem: format!("{device:?} is no device of its configuration, which has {}", names.join(" and ")),
+    names.iter().position(|name| name == device).ok_or_else(|| {
+        let problem = format!("has messages of {device:?}, but its configuration has {} only", names.join(" and "));
+        formats::Error::Session { path: path.to_owned(), problem }.into()
     })
 }

@@ -9,10 +9,11 @@ use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::Reading;
-use sonoweave_core::{Description, Error, Ticks, Timing};
+use sonoweave_core::{Description, Ticks, Timing};
 
 use super::follow::Follower;
 use super::{AXES, Command, Ea1, Framing, Identity, Record};
+use crate::Error;
 use crate::arm::Settings;
 use crate::connection::{Lost, Met, Protocol, SetupStep};
 use crate::framing::{Decoder, Refusal};
@@ -83,7 +84,7 @@ impl Unit {
     /// Creates a unit with these settings.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no arm has.
+    /// [`Error::Setting`] for settings that no arm has.
     pub fn new(name: &str, settings: Settings, speech: Speech) -> Result<Self, Error> {
         settings.check(2000)?;
         let baud = settings.baud.unwrap_or(BAUD);
@@ -184,7 +185,7 @@ impl Unit {
             Some(None) => Some(self.send(self.stream(), Step::Stream)),
             Some(Some(wrong)) => Some(self.fall(&wrong)),
             None if self.decoder.losses().refused(Refusal::Header) > before => Some(
-                self.fall("speaks another version of EA1, or has not three axes; what is wanted is version 1 with 3"),
+                self.fall("needs EA1 version 1 with 3 axes, but the arm has another version or number of axes; check its firmware"),
             ),
             None => None,
         }
@@ -210,9 +211,7 @@ impl Unit {
                     "cannot send {hz} samples a second on this line; ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
                 ))
             }
-            Some(code) => {
-                self.fall(&format!("refuses to send samples, with error {code}; its firmware may not know them"))
-            }
+            Some(code) => self.fall(&format!("refuses to send samples (error {code}); check its firmware")),
         }
     }
 }
@@ -297,10 +296,10 @@ impl Protocol for Unit {
                 SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
             }
             (Step::Hush, Met::Noisy) if self.bare >= BARE => self.fall(
-                "sends bare numbers, without checksum, number and time, and does not obey; teach it EA1, or set arm.speech to bare numbers to use it all the same",
+                "sends bare numbers without checksum, number and time, and ignores commands; give it firmware with EA1, or set arm.speech to bare numbers",
             ),
             (Step::Hush, Met::Noisy) => {
-                self.fall("goes on talking; check that it speaks EA1, and its rate (arm.baud)")
+                self.fall("does not stop sending; check that it speaks EA1, and its rate (arm.baud)")
             }
             (Step::Hush, _) => {
                 self.decoder.reformat(Ea1::new());
@@ -317,7 +316,7 @@ impl Protocol for Unit {
                 SetupStep::Listen(self.patience_ns())
             }
             (Step::Streaming, Met::Heard(bytes)) => self.begun(bytes),
-            (Step::Streaming, _) => self.fall("was told to send samples and sends none; switch it off and on"),
+            (Step::Streaming, _) => self.fall("sends no samples; switch it off and on"),
             (Step::Bare, Met::Heard(bytes)) => match self.heard(bytes) {
                 _ if self.bare >= BARE => {
                     self.listen();

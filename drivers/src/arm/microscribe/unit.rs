@@ -15,9 +15,10 @@ use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Timing};
+use sonoweave_core::{Description, Timing};
 
 use super::{Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE};
+use crate::Error;
 use crate::arm::Settings;
 use crate::arm::homing::{Between, Homing, Passed};
 use crate::connection::{Lost, Met, Protocol, SetupStep};
@@ -122,17 +123,20 @@ impl Unit {
     /// set (`arm.baud`), the driver tries only that rate.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no device has.
+    /// [`Error::Setting`] for settings that no device has.
     pub fn new(name: &str, settings: Settings, family: Family, encoders: u8) -> Result<Self, Error> {
         settings.check(500)?;
         let request = Request::new(family, encoders.into(), false).filter(|_| usize::from(encoders) <= AXES);
         let Some(request) = request else {
-            return Err(Error::Misuse(format!(
-                "arm.encoders: {encoders} cannot be asked for; a MicroScribe has 5 or 6, an Immersion box 2, 4 or 6"
-            )));
+            let problem = format!("{encoders} is not possible; a MicroScribe has 5 or 6, an Immersion box 2, 4 or 6");
+            return Err(Error::setting("arm", "encoders", problem));
         };
         if let Some(baud) = settings.baud.filter(|baud| !BAUDS.contains(baud)) {
-            return Err(Error::Misuse(format!("arm.baud: {baud} is no rate of a MicroScribe; it has {BAUDS:?}")));
+            return Err(Error::setting(
+                "arm",
+                "baud",
+                format!("a MicroScribe does not have the rate {baud}; it has {BAUDS:?}"),
+            ));
         }
         // The host receives data in packets, so its times are coarse.
         let grace_ns = 2 * SECOND / i64::from(settings.rate_hz) + 10 * MS;
@@ -374,7 +378,7 @@ impl Protocol for Unit {
                 self.step = Step::Begun;
                 SetupStep::Send(BEGIN.to_vec())
             }
-            (Step::Hushed, _) => self.fall("goes on talking; switch it off and on".into()),
+            (Step::Hushed, _) => self.fall("does not stop sending; switch it off and on".into()),
             (Step::Begun, Met::Done) => SetupStep::Listen(self.answer()),
             (Step::Begun, Met::Heard(bytes)) => match self.answered(bytes) {
                 None => SetupStep::More,

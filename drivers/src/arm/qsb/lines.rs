@@ -42,26 +42,19 @@ impl Arm {
     /// also a reading, with the number of its line.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no QSB has.
+    /// [`crate::Error::Setting`] for settings that no QSB has.
     pub fn new(
         openers: [Box<dyn Opener>; AXES],
         clock: Arc<dyn Clock>,
         settings: &Settings,
         keeps_raw: bool,
-    ) -> Result<Self, Error> {
-        let mut units = [None, None, None];
-        for (axis, unit) in (0..).zip(&mut units) {
-            *unit = Some(Unit::new(openers[usize::from(axis)].name(), settings.clone(), axis, AXES as u8)?);
-        }
-        let mut openers = openers.into_iter();
-        let lines = units.map(|unit| {
-            let connect = |(unit, opener)| Connection::new(opener, Arc::clone(&clock), unit, keeps_raw);
-            unit.zip(openers.next()).map(connect)
-        });
-        let [Some(a), Some(b), Some(c)] = lines else {
-            return Err(Error::Misuse("arm: three lines are needed, one an axis".into()));
+    ) -> Result<Self, crate::Error> {
+        let line = |axis, opener: Box<dyn Opener>| -> Result<_, crate::Error> {
+            let unit = Unit::new(opener.name(), settings.clone(), axis, AXES as u8)?;
+            Ok(Connection::new(opener, Arc::clone(&clock), unit, keeps_raw))
         };
-        let lines = [a, b, c];
+        let [a, b, c] = openers;
+        let lines = [line(0, a)?, line(1, b)?, line(2, c)?];
         let timing = lines[0].describe().timing;
         let name = lines.each_ref().map(|line| line.describe().name.clone()).join(", ");
         let description = Description { name, timing, ..Description::default() };

@@ -12,9 +12,10 @@ use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Ticks, Timing};
+use sonoweave_core::{Description, Ticks, Timing};
 
 use super::{Cause, Command, Qsb, Record, TICK_HZ, Value, register};
+use crate::Error;
 use crate::arm::Settings;
 use crate::arm::homing::{Between, HOME_IT, Homing, Passed};
 use crate::connection::{Lost, Met, Protocol, SetupStep};
@@ -83,7 +84,7 @@ impl Unit {
     /// Creates the unit of axis `axis`, from 0, of an arm with `of` axes.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no QSB has.
+    /// [`Error::Setting`] for settings that no QSB has.
     pub fn new(name: &str, settings: Settings, axis: u8, of: u8) -> Result<Self, Error> {
         settings.check(TICK_HZ)?;
         let interval = (TICK_HZ + settings.rate_hz / 2) / settings.rate_hz;
@@ -294,7 +295,7 @@ impl Protocol for Unit {
                 SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
             }
             (Step::Hush, Met::Noisy) => {
-                let why = "goes on talking; check that it is a QSB, and its rate (arm.baud)";
+                let why = "does not stop sending; check that it is a QSB, and its rate (arm.baud)";
                 self.fall(why.into())
             }
             (Step::Hush, _) => {

@@ -42,7 +42,7 @@ impl Decoder {
         let head = head(video)?;
         if head.size != size {
             return refuse(format!(
-                "it is of {}×{} pixels where {}×{} were agreed",
+                "it has {}×{} pixels instead of {}×{}",
                 head.size[0], head.size[1], size[0], size[1]
             ));
         }

@@ -200,7 +200,7 @@ pub struct Layout {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// The layout is impossible.
-    #[error("a picture of {width}×{height} pixels in {format} with {row_bytes} bytes a line cannot be: {problem}")]
+    #[error("{width}×{height} pixels in {format} with {row_bytes} bytes a line cannot be converted: {problem}")]
     Layout {
         /// Width in pixels.
         width: u32,
@@ -214,7 +214,7 @@ pub enum Refusal {
         problem: &'static str,
     },
     /// The buffer is shorter than its layout requires.
-    #[error("the frame holds {given} bytes where {needed} make a picture; it was cut off on its way")]
+    #[error("the frame has {given} of {needed} bytes; check the cable")]
     Short {
         /// Present bytes.
         given: usize,
@@ -222,7 +222,7 @@ pub enum Refusal {
         needed: usize,
     },
     /// The JPEG image is damaged or not as agreed.
-    #[error("the frame is no whole JPEG picture: {0}")]
+    #[error("the frame is not a complete JPEG image: {0}")]
     Jpeg(String),
 }
 
@@ -256,10 +256,10 @@ impl Converter {
         };
         let [width, height] = layout.size;
         if width == 0 || height == 0 {
-            return refuse("it has no pixels");
+            return refuse("there are no pixels");
         }
         if width > LONGEST || height > LONGEST || layout.row_bytes > 16 * LONGEST {
-            return refuse("it is larger than any that is known");
+            return refuse("this is larger than supported");
         }
         let row = layout.format.row_bytes(width) as usize;
         let (width, height, stride) = (width as usize, height as usize, layout.row_bytes as usize);

@@ -265,7 +265,7 @@ fn truncated_jpeg_is_refused_with_reason() {
     }
     assert!(refused >= jpeg.len() * 9 / 10, "{refused} of {} cut pictures with an end refused", jpeg.len());
     let other = mjpg([96, 66], Rows::WHOLE, Colour::Grey).convert(&jpeg, &mut vec![0; 96 * 66]).unwrap_err();
-    assert_eq!(other.to_string(), "the frame is no whole JPEG picture: it is of 96×64 pixels where 96×66 were agreed");
+    assert_eq!(other.to_string(), "the frame is not a complete JPEG image: it has 96×64 pixels instead of 96×66");
 }
 
 proptest! {

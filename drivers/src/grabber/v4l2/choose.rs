@@ -2,6 +2,7 @@
 
 use super::super::GrabberSettings;
 use super::super::pixels::{Colour, PixelFormat};
+use super::setup::Trouble;
 
 /// A video mode that a device can deliver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +28,9 @@ const NEARLY: f64 = 0.998;
 /// Chooses the best offer that the settings allow. Offers with a fluent (or the requested) rate
 /// come first, then the largest frame, then uncompressed formats, then the cheapest conversion.
 ///
-/// Returns an error text if nothing fits.
-pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Offer, String> {
+/// # Errors
+/// [`Trouble::Unfit`].
+pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Offer, Trouble> {
     let fits = |offer: &&Offer| {
         settings.format.is_none_or(|format| format == offer.format)
             && settings.size.is_none_or(|size| size == offer.size)
@@ -46,12 +48,17 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
         let raw = offer.format != PixelFormat::Mjpg;
         (fluent, width * height, raw, std::cmp::Reverse(order(offer.format)))
     };
-    offers.iter().filter(fits).max_by_key(|offer| merit(offer)).copied().ok_or_else(|| refusal(offers, settings))
+    offers
+        .iter()
+        .filter(fits)
+        .max_by_key(|offer| merit(offer))
+        .copied()
+        .ok_or_else(|| Trouble::Unfit(refusal(offers, settings)))
 }
 
 fn refusal(offers: &[Offer], settings: &GrabberSettings) -> String {
     if offers.is_empty() {
-        return "it offers no format that can be converted; see `v4l2-ctl --list-formats-ext`".into();
+        return "it offers no format that can be converted; v4l2-ctl lists its formats".into();
     }
     let format = settings.format.map_or_else(|| "any format".into(), |format| format.to_string());
     let size = settings.size.map_or_else(|| "any size".into(), |[w, h]| format!("{w}×{h}"));
@@ -111,15 +118,15 @@ mod tests {
     #[test]
     fn refusal_lists_offers() {
         let offers = [offer(PixelFormat::Yuyv, [720, 480], 30), offer(PixelFormat::Mjpg, [1280, 720], 30)];
-        let of = |settings: &GrabberSettings| choose(&offers, settings).unwrap_err();
+        let of = |settings: &GrabberSettings| choose(&offers, settings).unwrap_err().to_string();
         assert_eq!(
             of(&GrabberSettings { format: Some(PixelFormat::Nv12), ..settings() }),
-            "it does not offer NV12 at any size; it offers YUYV 720×480, MJPG 1280×720"
+            "cannot be set up: it does not offer NV12 at any size; it offers YUYV 720×480, MJPG 1280×720"
         );
         assert_eq!(
             of(&GrabberSettings { size: Some([640, 480]), ..settings() }),
-            "it does not offer any format at 640×480; it offers YUYV 720×480, MJPG 1280×720"
+            "cannot be set up: it does not offer any format at 640×480; it offers YUYV 720×480, MJPG 1280×720"
         );
-        assert!(choose(&[], &settings()).unwrap_err().contains("no format that can be converted"));
+        assert!(matches!(choose(&[], &settings()), Err(Trouble::Unfit(_))));
     }
 }

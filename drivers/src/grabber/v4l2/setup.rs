@@ -3,7 +3,7 @@
 use std::io;
 
 use super::super::interlace::Order;
-use super::super::pixels::{Layout, Matrix, PixelFormat, Range, name_of};
+use super::super::pixels::{Layout, Matrix, PixelFormat, Range, Refusal, name_of};
 use super::super::{GrabberSettings, Standard};
 use super::choose::{Offer, choose};
 use super::kernel::{Format, Input, Node, Sizes, number};
@@ -27,11 +27,21 @@ impl Setup {
     }
 }
 
-/// Why set-up failed: a refused kernel call with its purpose, or an error text.
-#[derive(Debug)]
+/// Reason why a device cannot be opened; it follows the device's name.
+#[derive(Debug, thiserror::Error)]
 pub(crate) enum Trouble {
+    /// The kernel refused a call, with its purpose.
+    #[error("cannot be set up: {doing} failed: {source}")]
     Refused { doing: &'static str, source: io::Error },
+    /// The device does not offer the settings.
+    #[error("cannot be set up: {0}")]
     Unfit(String),
+    /// The device cannot be opened or used at all.
+    #[error("{0}")]
+    Unusable(String),
+    /// The video cannot be converted.
+    #[error(transparent)]
+    Layout(#[from] Refusal),
 }
 
 /// Adapts a kernel error for `map_err`.
@@ -53,7 +63,7 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
             rate_hz = set_timings(node)?;
         }
     }
-    let offer = choose(&offers(node), settings).map_err(Trouble::Unfit)?;
+    let offer = choose(&offers(node), settings)?;
     // The driver chooses the field order, because it knows its source.
     let format = node.set_format(offer.format.fourcc(), offer.size, 0).map_err(doing("setting the format"))?;
     if PixelFormat::from_fourcc(format.fourcc) != Some(offer.format) {
@@ -65,7 +75,7 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
     }
     if settings.size.is_some_and(|size| size != format.size) {
         let [width, height] = format.size;
-        return Err(Trouble::Unfit(format!("it gives {width}×{height} where another size was asked for")));
+        return Err(Trouble::Unfit(format!("it gives {width}×{height} instead of the requested size")));
     }
     if let Some(rate) = set_rate(node, &offer, settings) {
         rate_hz = Some(rate);

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
-use sonoweave_core::{Device, Error};
 
 use super::settings::Settings;
 use super::{Line, fastrak, isotrak, liberty, viper};
+use crate::Error;
 use crate::connection::{Connection, Protocol};
 use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
 use crate::{Driver, Listing, OpenSettings};
@@ -129,7 +130,7 @@ impl TrackerDriver {
     /// Opens a tracker with the given clock.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that the model does not have.
+    /// [`Error::Setting`] for settings that the model does not have.
     pub fn open_with(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let TrackerSettings { model, port, settings, keeps_raw } = settings;
         let (opener, line): (Box<dyn Opener>, _) = match port {
@@ -179,7 +180,7 @@ impl Driver for TrackerDriver {
             Err(why) => found.push(Listing {
                 id: "usb".into(),
                 description: "USB".into(),
-                unavailable: Some(format!("USB cannot be looked at: {why}")),
+                unavailable: Some(format!("USB devices cannot be listed: {why}")),
             }),
         }
         found
@@ -188,7 +189,7 @@ impl Driver for TrackerDriver {
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         match settings {
             OpenSettings::Tracker(settings) => Self::open_with(settings, Arc::new(Monotonic)),
-            _ => Err(Error::Misuse("these settings are not a tracker's".into())),
+            _ => Err(Error::OtherDriver(self.name())),
         }
     }
 }
@@ -227,17 +228,17 @@ mod tests {
 
     #[test]
     fn foreign_or_invalid_settings_are_refused() {
-        let other = TrackerDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap().to_string();
-        assert!(other.contains("not a tracker's"), "{other}");
+        let refused = |settings: &OpenSettings| TrackerDriver.open(settings).err().unwrap();
+        assert!(matches!(refused(&OpenSettings::sequence("x.mha")), Error::OtherDriver("tracker")));
         let port = Port::Serial { path: "/dev/nothing".into(), baud: None };
         let settings = TrackerSettings { model: Model::Fastrak, port, settings: Settings::default(), keeps_raw: false };
         let wrong = Settings { stations: vec![7], ..Settings::default() };
         let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
-        assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.stations"));
+        assert!(matches!(refused(&wrong), Error::Setting { setting: "stations", .. }));
         for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let wrong = Settings { rate_hz, ..Settings::default() };
             let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
-            assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.rate_hz"));
+            assert!(matches!(refused(&wrong), Error::Setting { setting: "rate_hz", .. }));
         }
         // A missing device is not an error, because it may be connected later.
         let mut device = TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap();

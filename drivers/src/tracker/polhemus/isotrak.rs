@@ -20,6 +20,7 @@ pub use unit::{Question, Speech, Unit};
 
 use super::fastrak::reply::{self, Reply};
 use crate::framing::{Format, Look, Refusal};
+use crate::tracker::polhemus::ListError;
 
 /// Position, cm per count.
 pub const CM_PER_COUNT: f64 = 166.32 / 32_767.0;
@@ -106,17 +107,6 @@ pub struct Layout {
     wire: usize,
 }
 
-/// Why a list of codes is invalid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum ListError {
-    /// The code is unknown for these units.
-    #[error("output item {0} is not known of ISOTRAK in binary; known are 0, 1, 2, 4 to 7 and 11")]
-    Unknown(u8),
-    /// The list has more entries than there are items.
-    #[error("{0} output items are more than the {MOST_ITEMS} that there are")]
-    TooMany(usize),
-}
-
 impl Layout {
     /// Returns the layout of this list of output codes.
     ///
@@ -124,17 +114,17 @@ impl Layout {
     /// [`ListError`] for codes and lengths that no unit is known to have.
     pub fn new(codes: &[u8]) -> Result<Self, ListError> {
         if codes.len() > MOST_ITEMS {
-            return Err(ListError::TooMany(codes.len()));
+            return Err(ListError::TooMany { given: codes.len(), most: MOST_ITEMS });
         }
         let mut items = [Item::Space; MOST_ITEMS];
         let mut logical = 3;
         for (item, &code) in items.iter_mut().zip(codes) {
-            *item = Item::from_code(code).ok_or(ListError::Unknown(code))?;
+            *item = Item::from_code(code).ok_or(ListError::Unknown { code, known: "0, 1, 2, 4 to 7 and 11" })?;
             logical += item.bytes();
         }
         // Eight quaternions would be longer than every item once.
         if logical > MOST_LOGICAL {
-            return Err(ListError::TooMany(codes.len()));
+            return Err(ListError::TooMany { given: codes.len(), most: MOST_ITEMS });
         }
         Ok(Self { items, count: codes.len(), logical, wire: logical + logical.div_ceil(7) })
     }

@@ -22,6 +22,41 @@ pub use driver::{Model, Port, TrackerDriver, TrackerSettings, VENDOR};
 pub use settings::Settings;
 pub use setup_sequence::Line;
 
+/// Reason why a list of output items is invalid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum ListError {
+    /// The model does not know the code.
+    #[error("output item {code} is unknown; known are {known}")]
+    Unknown {
+        /// The code.
+        code: u8,
+        /// Codes of the model.
+        known: &'static str,
+    },
+    /// The list has more entries than a unit accepts.
+    #[error("{given} output items are more than the limit of {most}")]
+    TooMany {
+        /// Entries of the list.
+        given: usize,
+        /// The limit.
+        most: usize,
+    },
+    /// The records would be longer than a unit sends.
+    #[error("records of {bytes} bytes are longer than the limit of {most}; request fewer output items")]
+    TooLong {
+        /// Bytes of a record.
+        bytes: usize,
+        /// The limit.
+        most: usize,
+    },
+    /// Extended precision exists in text only.
+    #[error("output item {0} is extended precision, which exists in text only; in binary request {plain}", plain = .0 - 50)]
+    ExtendedBinary(u8),
+    /// The 14-bit items are binary only.
+    #[error("output item {0} packs numbers into 14 bits, which exists in binary only")]
+    PackedText(u8),
+}
+
 /// Returns whether a pose is plausible: finite, near, and with a unit quaternion. For records
 /// that the decoder accepts only because the unit reports an error with them.
 fn is_pose(position_cm: &[f64; 3], quaternion_wxyz: &[f64; 4]) -> bool {

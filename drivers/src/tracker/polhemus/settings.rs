@@ -1,6 +1,6 @@
 //! Settings of a tracker of any model.
 
-use sonoweave_core::Error;
+use crate::Error;
 
 /// Set-up of a tracker.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,32 +42,29 @@ impl Settings {
     /// Checks these settings for a unit with `most` stations.
     ///
     /// # Errors
-    /// [`Error::Misuse`] that names the setting and its valid values.
+    /// [`Error::Setting`].
     pub fn check(&self, most: u8) -> Result<(), Error> {
-        let ascends = self.stations.is_sorted_by(|a, b| a < b);
-        if self.stations.is_empty() || !ascends || self.stations.iter().any(|s| !(1..=most).contains(s)) {
-            return Err(Error::Misuse(format!(
-                "tracker.stations: {:?} are not stations of this unit; give some of 1 to {most}, each once, in order",
-                self.stations
-            )));
+        let refused = |setting, problem: String| Err(Error::setting("tracker", setting, problem));
+        let Self { stations, hemisphere, rate_hz, .. } = self;
+        let ascends = stations.is_sorted_by(|a, b| a < b);
+        if stations.is_empty() || !ascends || stations.iter().any(|s| !(1..=most).contains(s)) {
+            let problem =
+                format!("{stations:?} are not stations of this unit; give some of 1 to {most}, each once, in order");
+            return refused("stations", problem);
         }
-        if self.hemisphere.iter().any(|x| !x.is_finite() || x.abs() > 1000.0) {
-            return Err(Error::Misuse(format!(
-                "tracker.hemisphere: {:?} is no direction; give three numbers, such as 1, 0, 0 for all in front of the transmitter",
-                self.hemisphere
-            )));
+        if hemisphere.iter().any(|x| !x.is_finite() || x.abs() > 1000.0) {
+            let example = "three numbers, such as 1, 0, 0 for all in front of the transmitter";
+            return refused("hemisphere", format!("{hemisphere:?} is not a direction; give {example}"));
         }
-        if !(1.0..=10_000.0).contains(&self.rate_hz) {
-            return Err(Error::Misuse(format!(
-                "tracker.rate_hz: {} readings a second are no rate of a tracker; give the most that you want, such as 240",
-                self.rate_hz
-            )));
+        if !(1.0..=10_000.0).contains(rate_hz) {
+            let problem =
+                format!("{rate_hz} readings a second are not possible; give the highest rate to use, such as 240");
+            return refused("rate_hz", problem);
         }
         match self.stylus {
-            Some(stylus) if !self.stations.contains(&stylus) => Err(Error::Misuse(format!(
-                "tracker.stylus: station {stylus} is not one of tracker.stations {:?}; add it there",
-                self.stations
-            ))),
+            Some(stylus) if !stations.contains(&stylus) => {
+                refused("stylus", format!("station {stylus} is not one of tracker.stations {stations:?}; add it there"))
+            }
             _ => Ok(()),
         }
     }

@@ -295,7 +295,7 @@ impl<D: UnitProtocol> Protocol for Tracker<D> {
                 SetupStep::Send(self.dialect.quieten(self.tried > 0, self.restarts()))
             }
             (Step::Hushed, Met::Done) => SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED },
-            (Step::Hushed, Met::Noisy) => self.next_rate("goes on talking"),
+            (Step::Hushed, Met::Noisy) => self.next_rate("does not stop sending"),
             (Step::Hushed, _) => {
                 let (bytes, question) = self.dialect.probe();
                 self.ask(bytes, question)
@@ -306,7 +306,7 @@ impl<D: UnitProtocol> Protocol for Tracker<D> {
             }
             (Step::Answer, Met::Heard(bytes)) => self.hear(bytes),
             (Step::Answer, _) if !self.is_there => self.next_rate("does not answer"),
-            (Step::Answer, _) => self.fall("answered at first and then no more; check its cable".into()),
+            (Step::Answer, _) => self.fall("stopped answering; check its cable".into()),
             (Step::Script, _) => self.go_on(),
             (Step::Start(times), _) => {
                 self.step = Step::First(times);
@@ -315,7 +315,7 @@ impl<D: UnitProtocol> Protocol for Tracker<D> {
             (Step::First(_), Met::Heard(_)) => SetupStep::Top { keep: true },
             (Step::First(times), _) if times < STARTS => self.start(times + 1),
             (Step::First(_), _) => self.fall(
-                "was set up and sends no record; check that its transmitter and its sensors are plugged in, and switch it off and on".into(),
+                "was set up but sends no records; check that its transmitter and its sensors are plugged in, and switch it off and on".into(),
             ),
         }
     }

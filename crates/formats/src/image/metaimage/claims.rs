@@ -9,7 +9,7 @@ use crate::image::numbers::whole;
 
 pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
     if let Some(object) = header.get("ObjectType").filter(|field| &*field.value != "Image") {
-        return Err(object.fault(format!("is {:?}; only Image is read", &*object.value)));
+        return Err(object.fault(format!("is {:?}; only Image is supported", &*object.value)));
     }
     let (shape, axes, size, layers) = dimensions(header)?;
     let zlib = header.get("CompressedData").map_or(Ok(false), truth)?;
@@ -51,7 +51,7 @@ fn data_place(header: &Header, encoding: Encoding) -> Result<DataPlace<'_>, Faul
     let file = (!field.value.eq_ignore_ascii_case("LOCAL")).then_some(field);
     if let Some(field) = file.filter(|field| field.value.starts_with("LIST") || field.value.contains('%')) {
         return Err(field.fault(format!(
-            "is {:?}: data in several files are not read; write them into one (ITK does, into .mha)",
+            "is {:?}: data in several files are not supported; write one file (ITK does, as .mha)",
             &*field.value
         )));
     }
@@ -60,11 +60,13 @@ fn data_place(header: &Header, encoding: Encoding) -> Result<DataPlace<'_>, Faul
         Some(size) if &*size.value == "0" => Skip::None,
         Some(size) if file.is_none() || encoding == Encoding::Zlib => {
             return Err(size.fault(
-                "asks to skip bytes before the data; only before data in a file of their own that is not compressed are any skipped",
+                "skips bytes before the data, which is supported only for uncompressed data in a separate file",
             ));
         }
         Some(size) if &*size.value == "-1" && encoding == Encoding::Text => {
-            return Err(size.fault("is -1, which means the file's last bytes; of numbers written as text it is not known how many these are"));
+            return Err(
+                size.fault("is -1 (the data are the file's last bytes), which is not supported for numbers as text")
+            );
         }
         Some(size) if &*size.value == "-1" => Skip::ToTheLast,
         Some(size) => Skip::Bytes(size, whole(&size.value).map_err(|problem| size.fault(problem))?),
@@ -81,7 +83,7 @@ fn dimensions(header: &Header) -> Result<(&Field, usize, [u64; 2], u64), Fault> 
         "3" => 3,
         "4" => {
             return Err(ndims.fault(
-                "is 4: a sequence of volumes is not read; only images (2) and lists of images or volumes (3) are",
+                "is 4: sequences of volumes are not supported; only images (2), and lists of images or volumes (3)",
             ));
         }
         other => return Err(ndims.fault(format!("is {other:?}; it must be 2 or 3"))),
@@ -92,12 +94,12 @@ fn dimensions(header: &Header) -> Result<(&Field, usize, [u64; 2], u64), Fault> 
         .split_whitespace()
         .map(whole)
         .take(axes + 1)
-        .collect::<Result<Vec<u64>, String>>()
+        .collect::<Result<Vec<u64>, _>>()
         .map_err(|problem| dims.fault(problem))?;
     match *size {
         [x, y] if axes == 2 => Ok((dims, axes, [x, y], 1)),
         [x, y, layers] if axes == 3 => Ok((dims, axes, [x, y], layers)),
-        _ => Err(dims.fault(format!("is {:?}, but NDims asks for exactly {axes} whole numbers", &*dims.value))),
+        _ => Err(dims.fault(format!("is {:?}, but NDims requires exactly {axes} whole numbers", &*dims.value))),
     }
 }
 
@@ -109,7 +111,7 @@ fn content(header: &Header, axes: usize) -> Result<Content, Fault> {
     };
     let kinds: Vec<&str> = field.value.split_whitespace().take(axes + 1).collect();
     if kinds.len() != axes {
-        return Err(field.fault(format!("is {:?}, but NDims asks for exactly {axes} words", &*field.value)));
+        return Err(field.fault(format!("is {:?}, but NDims requires exactly {axes} words", &*field.value)));
     }
     match kinds.iter().position(|kind| kind.eq_ignore_ascii_case("list")) {
         None if axes == 2 => Ok(Content::Sequence),
@@ -155,7 +157,7 @@ fn pixel_type(field: &Field, images: bool) -> Result<PixelType, Fault> {
         _ if !images => PixelType::U8,
         _ => {
             return Err(field.fault(format!(
-                "is {:?}, which is no pixel type that is read; use MET_UCHAR to MET_DOUBLE",
+                "is {:?}, which is not a supported pixel type; use MET_UCHAR to MET_DOUBLE",
                 &*field.value
             )));
         }

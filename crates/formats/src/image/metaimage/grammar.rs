@@ -46,7 +46,7 @@ pub(crate) fn truth(field: &Field) -> Result<bool, Fault> {
     match field.value.as_bytes() {
         [b'T' | b't' | b'1', ..] => Ok(true),
         [b'F' | b'f' | b'0', ..] => Ok(false),
-        _ => Err(field.fault(format!("is {:?}, neither True nor False; write one of them", &*field.value))),
+        _ => Err(field.fault(format!("is {:?}; write True or False", &*field.value))),
     }
 }
 
@@ -100,15 +100,15 @@ mod tests {
             (b"A = 1\nB\n", "line 2", 6, "has no `=`"),
             (b"= 1\n", "line 1", 0, "no name before"),
             (b"A = 1\nB = \x01\n", "line 2", 6, "control characters"),
-            (b"Seq_Frame_T = 1\n", "Seq_Frame_T", 0, "no name of a frame's field"),
-            (b"Seq_Frame0001_ = 1\n", "Seq_Frame0001_", 0, "no name of a frame's field"),
+            (b"Seq_Frame_T = 1\n", "Seq_Frame_T", 0, "not a valid name of a frame's field"),
+            (b"Seq_Frame0001_ = 1\n", "Seq_Frame0001_", 0, "not a valid name of a frame's field"),
             (b"Seq_Frame99999999999999999999_T = 1\n", "Seq_Frame99999999999999999999_T", 0, "beyond 64 bits"),
-            (b"A = 1\nA = 1\nElementDataFile = LOCAL\n", "A", 6, "repetition of the field of the same name at byte 0"),
+            (b"A = 1\nA = 1\nElementDataFile = LOCAL\n", "A", 6, "repeats the field at byte 0"),
             (
                 b"Seq_Frame0_T = 1\nSeq_Frame00_T = 1\nElementDataFile = LOCAL\n",
                 "Seq_Frame0000_T",
                 17,
-                "repetition of the field of the same name at byte 0",
+                "repeats the field at byte 0",
             ),
         ];
         for (text, field, offset, says) in cases {

@@ -2,6 +2,7 @@
 
 use sonoweave_core::reading::PixelType;
 
+use crate::Unwritable;
 use crate::image::metaimage::grammar::GRAMMAR;
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 use crate::image::spacing;
@@ -14,7 +15,7 @@ static STYLE: Style =
 
 /// Returns the header of a sequence; `data_file` names the file of its pixels, if they do not
 /// follow the header.
-pub(crate) fn sequence(header: &SequenceHeader, compressed: bool, data_file: Option<&str>) -> Result<Text, String> {
+pub(crate) fn sequence(header: &SequenceHeader, compressed: bool, data_file: Option<&str>) -> Result<Text, Unwritable> {
     let (spacing, fields) = spacing::split(&header.fields)?;
     let mut text = begin(compressed);
     text.line("TransformMatrix", "1 0 0 0 1 0 0 0 1");
@@ -33,7 +34,7 @@ pub(crate) fn sequence(header: &SequenceHeader, compressed: bool, data_file: Opt
 }
 
 /// Returns the header of a volume.
-pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<Text, String> {
+pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<Text, Unwritable> {
     let mut text = begin(header.compressed);
     // MetaIO's matrix is the transpose of ITK's direction: each triple is the direction of an
     // index axis.
@@ -52,7 +53,7 @@ pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<T
 }
 
 /// Returns only the further fields, one line each.
-pub(crate) fn fields(fields: &[(String, String)]) -> Result<String, String> {
+pub(crate) fn fields(fields: &[(String, String)]) -> Result<String, Unwritable> {
     let mut text = Text::new(&STYLE);
     text.extra(fields, &[])?;
     Ok(text.text)

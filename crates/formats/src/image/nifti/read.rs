@@ -6,9 +6,6 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use sonoweave_core::Error;
-
-use crate::Limits;
 use crate::image::header::{Fault, Field};
 use crate::image::layout::{Claims, Content, DataPlace, Encoding, Layout, ListAxis, Skip};
 use crate::image::nifti::affine;
@@ -16,6 +13,7 @@ use crate::image::nifti::field::{
     Bytes, COMMENT, DATATYPE, DIM, EXTENSIONS, HEADER, MAGIC, ONE_FILE, SCL_INTER, SCL_SLOPE, TYPES, VOX_OFFSET,
 };
 use crate::image::volume::{Place, Scaling, VolumeHeader};
+use crate::{Error, Limits};
 
 /// A volume with its header; the reader is at the beginning of the data, compressed or not.
 pub(crate) struct Opened {
@@ -103,12 +101,12 @@ fn begin(bytes: &[u8]) -> Result<Begin, Fault> {
     let header = Bytes { bytes, native };
     if bytes.len() < EXTENSIONS || header.i32(0) != HEADER as i32 {
         return Err(field("sizeof_hdr", 0).fault(format!(
-            "is not {HEADER}, or the file ends in its header; this is no NIfTI-1 volume, or it is damaged"
+            "is not {HEADER}, or the file ends in its header; this is not a NIfTI-1 volume, or a damaged one"
         )));
     }
     if bytes[MAGIC..MAGIC + 4] != *ONE_FILE {
         return Err(field("magic", MAGIC)
-            .fault("is not n+1; only NIfTI-1 volumes of one file (.nii, .nii.gz) are read: write the file so"));
+            .fault("is not n+1; only NIfTI-1 volumes of one file (.nii, .nii.gz) are supported: write one"));
     }
     let vox_offset = header.f32(VOX_OFFSET);
     if !(vox_offset >= EXTENSIONS as f64 && vox_offset.fract() == 0.0 && vox_offset < 1e18) {
@@ -133,17 +131,17 @@ fn describe(
         _ => return Err(shape.fault(format!("is {shown:?}: a volume has 3 axes"))),
     };
     if let Some(bad) = dims[1..=count].iter().find(|n| **n < 1) {
-        return Err(shape.fault(format!("is {shown:?}: an axis of {bad} voxels is none; the header is damaged")));
+        return Err(shape.fault(format!("is {shown:?}: an axis cannot have {bad} voxels; the header is damaged")));
     }
     if dims[4..=count].iter().any(|n| *n != 1) {
-        return Err(
-            shape.fault(format!("is {shown:?}: several volumes, or several values a voxel, are not read; extract one"))
-        );
+        return Err(shape.fault(format!(
+            "is {shown:?}: several volumes, or several values a voxel, are not supported; extract one"
+        )));
     }
     let code = header.i16(DATATYPE);
     let Some((_, pixel, channels)) = TYPES.into_iter().find(|(known, ..)| *known == code) else {
         return Err(field("datatype", DATATYPE).fault(format!(
-            "is {code}, which is no type that is read; use 2 (uint8) to 1280 (uint64), 128 (RGB) or 2304 (RGBA)"
+            "is {code}, which is not a supported type; use 2 (uint8) to 1280 (uint64), 128 (RGB) or 2304 (RGBA)"
         )));
     };
     let [nx, ny, nz] = [1, 2, 3].map(|n| dims[n] as u64);

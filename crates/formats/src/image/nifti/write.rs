@@ -1,5 +1,6 @@
 //! Writes the bytes before the voxels of a NIfTI-1 file.
 
+use crate::Unwritable;
 use crate::image::nifti::affine;
 use crate::image::nifti::field::{
     BITPIX, COMMENT, DATATYPE, DESCRIP, DIM, EXTENSIONS, HEADER, MAGIC, ONE_FILE, PIXDIM, QFORM_CODE, QOFFSET, QUATERN,
@@ -18,27 +19,21 @@ const FARTHEST: usize = 1 << 24;
 const NOT_ANATOMICAL: &[u8] = b"mm, not anatomical";
 
 /// Returns the header, with `fields` (lines) in an extension.
-pub(crate) fn header(volume: &VolumeHeader, fields: &str) -> Result<Vec<u8>, String> {
+pub(crate) fn header(volume: &VolumeHeader, fields: &str) -> Result<Vec<u8>, Unwritable> {
     let mut bytes = vec![0; EXTENSIONS];
     let mut put = |at: usize, word: &[u8]| bytes[at..at + word.len()].copy_from_slice(word);
     put(0, &(HEADER as i32).to_ne_bytes());
     let mut dims = [1_i16; 8];
     dims[0] = 3;
     for (to, from) in dims[1..4].iter_mut().zip(volume.size) {
-        *to = i16::try_from(from).map_err(|_| {
-            format!("NIfTI-1 holds at most {} voxels along an axis, not {from}; write another format", i16::MAX)
-        })?;
+        *to = i16::try_from(from).map_err(|_| Unwritable::NiftiSize(from))?;
     }
     for (n, dim) in dims.iter().enumerate() {
         put(DIM + 2 * n, &dim.to_ne_bytes());
     }
     let known = TYPES.into_iter().find(|(_, pixel, channels)| (*pixel, *channels) == (volume.pixel, volume.channels));
-    let Some((code, ..)) = known else {
-        return Err(format!(
-            "NIfTI-1 has no voxels of {} channels of {:?}; of colours it has 3 or 4 of U8: write another format",
-            volume.channels, volume.pixel
-        ));
-    };
+    let unknown = Unwritable::NiftiType { channels: volume.channels, pixel: volume.pixel };
+    let (code, ..) = known.ok_or(unknown)?;
     put(DATATYPE, &code.to_ne_bytes());
     put(BITPIX, &((8 * volume.pixel.bytes()) as i16 * volume.channels as i16).to_ne_bytes());
     let place = affine::write(&Place { spacing: volume.spacing, origin: volume.origin, axes: volume.axes });
@@ -78,10 +73,7 @@ pub(crate) fn header(volume: &VolumeHeader, fields: &str) -> Result<Vec<u8>, Str
         bytes.resize(EXTENSIONS + size, 0);
     }
     if bytes.len() > FARTHEST {
-        return Err(format!(
-            "the fields take {} bytes, more than a NIfTI-1 header can hold; write another format",
-            fields.len()
-        ));
+        return Err(Unwritable::NiftiFields(fields.len()));
     }
     let begins = (bytes.len() as f32).to_ne_bytes();
     bytes[VOX_OFFSET..VOX_OFFSET + 4].copy_from_slice(&begins);

@@ -19,7 +19,7 @@ pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
     let encoding = match header.get("encoding") {
         Some(field) => encoding(field)?,
         None if images => {
-            return Err(header.required("encoding").err().unwrap_or_else(|| shape.fault("has no encoding")));
+            return Err(header.required("encoding").err().unwrap_or_else(|| shape.fault("needs an encoding")));
         }
         None => Encoding::Raw,
     };
@@ -66,10 +66,10 @@ fn axes(header: &Header, shape: &Field) -> Result<Axes, Fault> {
         Err(problem) => return Err(dimension.fault(problem)),
     };
     let sizes = shape.value.split_whitespace().map(whole).take(count + 1);
-    let mut sizes = sizes.collect::<Result<Vec<u64>, String>>().map_err(|problem| shape.fault(problem))?;
+    let mut sizes = sizes.collect::<Result<Vec<u64>, _>>().map_err(|problem| shape.fault(problem))?;
     if sizes.len() != count {
         return Err(
-            shape.fault(format!("is {:?}, but dimension asks for exactly {count} whole numbers", &*shape.value))
+            shape.fault(format!("is {:?}, but dimension requires exactly {count} whole numbers", &*shape.value))
         );
     }
     let kinds_field = header.kinds();
@@ -112,7 +112,7 @@ fn axes(header: &Header, shape: &Field) -> Result<Axes, Fault> {
         ([x, y, z], None) => (Content::Volume, [*x, *y], *z),
         ([_, _, _], Some(_)) => {
             return Err(shape.fault(
-                "is that of a sequence of volumes, which is not read; only images and lists of images or volumes are",
+                "is that of a sequence of volumes, which is not supported; only images, and lists of images or volumes",
             ));
         }
         (domains, _) => {
@@ -125,7 +125,7 @@ fn axes(header: &Header, shape: &Field) -> Result<Axes, Fault> {
 fn kinds(field: &Field, count: usize) -> Result<Vec<Kind>, Fault> {
     let words: Vec<&str> = field.value.split_whitespace().take(count + 1).collect();
     if words.len() != count {
-        return Err(field.fault(format!("is {:?}, but dimension asks for exactly {count} words", &*field.value)));
+        return Err(field.fault(format!("is {:?}, but dimension requires exactly {count} words", &*field.value)));
     }
     let kind = |word: &&str| match word.to_ascii_lowercase().as_str() {
         "domain" | "space" | "???" | "none" => Ok(Kind::Domain),
@@ -134,7 +134,7 @@ fn kinds(field: &Field, count: usize) -> Result<Vec<Kind>, Fault> {
         | "rgb-color" | "hsv-color" | "xyz-color" | "4-color" | "rgba-color" | "3-vector" | "3-gradient"
         | "3-normal" | "4-vector" => Ok(Kind::Channel),
         _ => Err(field.fault(format!(
-            "names an axis {word:?}, which is none of an image's: domain, space, list, time, vector or a colour"
+            "names an axis {word:?}, which images do not have; use domain, space, list, time, vector or a colour"
         ))),
     };
     words.iter().map(kind).collect()
@@ -161,7 +161,7 @@ fn pixel_type(field: &Field, images: bool) -> Result<PixelType, Fault> {
         "double" => PixelType::F64,
         _ if !images => PixelType::U8,
         other => {
-            return Err(field.fault(format!("is {other:?}, which is no pixel type that is read; use uint8 to double")));
+            return Err(field.fault(format!("is {other:?}, which is not a supported pixel type; use uint8 to double")));
         }
     })
 }
@@ -171,9 +171,9 @@ fn encoding(field: &Field) -> Result<Encoding, Fault> {
         "raw" => Ok(Encoding::Raw),
         "gzip" | "gz" => Ok(Encoding::Gzip),
         "ascii" | "text" | "txt" => Ok(Encoding::Text),
-        "bzip2" | "bz2" => Err(field.fault("is bzip2, which is not read; write the file with gzip or raw")),
-        "hex" => Err(field.fault("is hex, which is not read; write the file with gzip, raw or ascii")),
-        other => Err(field.fault(format!("is {other:?}, which is no encoding; use raw, gzip or ascii"))),
+        "bzip2" | "bz2" => Err(field.fault("is bzip2, which is not supported; write the file with gzip or raw")),
+        "hex" => Err(field.fault("is hex, which is not supported; write the file with gzip, raw or ascii")),
+        other => Err(field.fault(format!("is {other:?}, which is not an encoding; use raw, gzip or ascii"))),
     }
 }
 
@@ -184,7 +184,7 @@ fn big_endian(header: &Header, matters: bool) -> Result<bool, Fault> {
     match field.value.to_ascii_lowercase().as_str() {
         "little" => Ok(false),
         "big" => Ok(true),
-        other => Err(field.fault(format!("is {other:?}, neither little nor big; write one of them"))),
+        other => Err(field.fault(format!("is {other:?}; write little or big"))),
     }
 }
 
@@ -199,8 +199,7 @@ fn skip_bytes<'a>(header: &'a Header, encoding: Encoding) -> Result<Skip<'a>, Fa
             if encoding == Encoding::Raw {
                 return Ok(Skip::ToTheLast);
             }
-            Err(field
-                .fault("is -1, which means the file's last bytes; only of raw data is it known how many these are"))
+            Err(field.fault("is -1 (the data are the file's last bytes), which is supported for raw data only"))
         }
         _ => Ok(match skip(header, "byte skip")? {
             None | Some((_, 0)) => Skip::None,

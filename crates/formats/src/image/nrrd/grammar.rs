@@ -112,7 +112,7 @@ fn line(parser: &mut Parser, text: &str) -> Result<bool, Fault> {
         return Err(parser.named(
             name,
             format!(
-                "is {value:?}: data in several files are not read; write them into one (`unu save`, pynrrd and ITK do)"
+                "is {value:?}: data in several files are not supported; write one file (`unu save`, pynrrd and ITK do)"
             ),
         ));
     }
@@ -223,7 +223,7 @@ mod tests {
             ("NRRD0004\ndata file: LIST\na.raw\n", "data file", 9, "several files"),
             ("NRRD0004\ndata file: a%03d.raw 1 2 1\n", "data file", 9, "several files"),
             ("NRRD0004\ntype: uchar\n", "blank line", 21, "was not reached"),
-            ("NRRD0004\ntype: uchar\nTYPE: uchar\n\n", "type", 21, "repetition"),
+            ("NRRD0004\ntype: uchar\nTYPE: uchar\n\n", "type", 21, "repeats the field"),
             ("NRRD0004\naxis 0 item 99999999999999999999 A:=1\n\n", "axis 0 item 99999999999999999999 A", 9, "64 bits"),
         ];
         for (text, field, offset, says) in cases {

@@ -45,7 +45,7 @@ pub(super) fn times(header: &Header) -> Result<Option<Vec<f64>>, Fault> {
     };
     let seconds = |token: &str| match number(token).map(|value| value * scale) {
         Some(value) if value.is_finite() => Ok(value),
-        _ => Err(field.fault(format!("holds {token:?}, which is no time; each must be a finite number"))),
+        _ => Err(field.fault(format!("holds {token:?}; each time must be a finite number"))),
     };
     field.value.split_whitespace().map(seconds).collect::<Result<Vec<f64>, Fault>>().map(Some)
 }

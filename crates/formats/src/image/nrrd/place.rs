@@ -88,7 +88,9 @@ fn signs(header: &Header) -> Result<[f64; 3], Fault> {
         "right-anterior-superior" | "ras" => Ok([-1.0, -1.0, 1.0]),
         "left-anterior-superior" | "las" => Ok([1.0, -1.0, 1.0]),
         "left-posterior-superior" | "lps" | "scanner-xyz" | "3d-right-handed" | "3d-left-handed" => Ok([1.0; 3]),
-        other => Err(field.fault(format!("is {other:?}, which is no space of three dimensions that is known"))),
+        other => Err(field.fault(format!(
+            "is {other:?}, which is not a supported space of three dimensions; use left-posterior-superior"
+        ))),
     }
 }
 
@@ -156,7 +158,7 @@ mod tests {
             ("space directions: (1,0,0) (0,1,0) (0,0,nan)\n", "must be finite"),
             ("space directions: (1,0,0) (0,1,0) (0,0,1\n", "must hold vectors"),
             ("space dimension: 2\nspace directions: (1,0) (0,1) none\n", "a space of 3"),
-            ("space: here\n", "no space of three"),
+            ("space: here\n", "not a supported space of three"),
             ("spacings: 1 0 1\n", "all positive"),
             ("space origin: (1,2)\n", "holds 2 numbers"),
             ("space origin: none\n", "one point"),

@@ -3,6 +3,7 @@
 
 use sonoweave_core::reading::PixelType;
 
+use crate::Unwritable;
 use crate::image::nrrd::grammar::{GRAMMAR, KEYS, escaped};
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 use crate::image::spacing;
@@ -31,7 +32,7 @@ pub(crate) fn sequence(
     compressed: bool,
     habit: Habit,
     data_file: Option<&str>,
-) -> Result<Text, String> {
+) -> Result<Text, Unwritable> {
     let space = if habit == Habit::Slicer { 3 } else { 2 };
     let mut sizes = header.size.to_vec();
     sizes.extend((habit == Habit::Slicer).then_some(1));
@@ -60,7 +61,7 @@ pub(crate) fn sequence(
 }
 
 /// Returns the header of a volume.
-pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<Text, String> {
+pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<Text, Unwritable> {
     let mut text = begin(header.pixel, header.channels, &header.size, None);
     // A file with an anatomical orientation came from ITK and has ITK's coordinates.
     let anatomical = header.fields.iter().any(|(name, value)| name == "AnatomicalOrientation" && !value.contains('?'));

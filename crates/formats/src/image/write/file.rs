@@ -7,9 +7,8 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use tempfile::{NamedTempFile, TempPath};
 
-use sonoweave_core::Error;
-
 use crate::image::BUFFER;
+use crate::{Error, Unwritable};
 
 /// Level 3 compresses speckle to within 2 % of level 6 in half its time; level 1 gives files a
 /// third larger.
@@ -72,16 +71,14 @@ impl PixelFile {
         Error::Io { path: self.path.clone(), doing, source }
     }
 
-    pub(super) fn misuse(&self, problem: String) -> Error {
-        Error::Misuse(format!("{}: {problem}", self.path.display()))
+    pub(super) fn unwritable(&self, source: Unwritable) -> Error {
+        Error::Unwritable { path: self.path.clone(), source }
     }
 
     pub(super) fn finish(self) -> Result<(), Error> {
         if self.written != self.expected {
-            return Err(self.misuse(format!(
-                "{} of {} bytes of pixels were written; the file is not kept: write all before finishing",
-                self.written, self.expected
-            )));
+            let Self { written, expected, .. } = self;
+            return Err(self.unwritable(Unwritable::Unfinished { written, expected }));
         }
         let Self { path, head, body, .. } = self;
         complete(&path, head, body).map_err(|source| Error::Io { path, doing: "completing the file", source })
@@ -179,8 +176,7 @@ impl Body {
 impl Write for PixelFile {
     fn write(&mut self, pixels: &[u8]) -> io::Result<usize> {
         if pixels.len() as u64 > self.expected - self.written {
-            let problem =
-                format!("more than the {} bytes of pixels that the header promises were given", self.expected);
+            let problem = format!("more pixels were given than the {} bytes that the header promises", self.expected);
             return Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
         }
         let written = self.body.as_write().write(pixels)?;

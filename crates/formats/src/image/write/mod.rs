@@ -13,16 +13,15 @@ pub(crate) mod text;
 use std::io::{self, Write};
 use std::path::Path;
 
-use sonoweave_core::Error;
 use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
 
-use crate::Limits;
 use crate::image::header::{Fault, Parser};
 use crate::image::layout::Layout;
 use crate::image::nrrd::text::Habit;
 use crate::image::sequence::Sequence;
 use crate::image::volume::VolumeHeader;
 use crate::image::{Container, metaimage, nifti, nrrd};
+use crate::{Error, Limits, Unwritable};
 use file::{Head, Packing, PixelFile};
 use text::Text;
 
@@ -72,13 +71,13 @@ impl SequenceWriter {
     /// Begins a file. The format requires the metadata of all frames first.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when the header would not read back the same (line ends in a text, an
+    /// [`Error::Unwritable`] when the header would not read back the same (line ends in a text, an
     /// ambiguous frame name, no items, …). [`Error::Io`] when the folder is not writable.
     pub fn create(path: &Path, header: &SequenceHeader) -> Result<Self, Error> {
-        let refuse = |problem: String| Error::Misuse(format!("{}: {problem}", path.display()));
+        let refuse = |source| Error::Unwritable { path: path.to_owned(), source };
         let images = header.size != [0, 0];
         if header.items.is_empty() || (images && header.size.contains(&0)) {
-            return Err(refuse("a sequence needs at least one item, and an image two axes that are not empty".into()));
+            return Err(refuse(Unwritable::EmptySequence));
         }
         let mut plain = VolumeHeader::new([header.size[0], header.size[1], 0], header.pixel);
         plain.channels = header.channels;
@@ -86,7 +85,7 @@ impl SequenceWriter {
         let items = header.items.len() as u64;
         let expected = frame_bytes.and_then(|bytes| bytes.checked_mul(items));
         let (Some(frame_bytes), Some(expected)) = (frame_bytes, expected) else {
-            return Err(refuse("the images would take more than 2⁶⁴ bytes".into()));
+            return Err(refuse(Unwritable::TooLarge));
         };
         check_channels(header.channels).map_err(refuse)?;
         let container = Container::of_sequence(path).map_err(refuse)?;
@@ -115,12 +114,12 @@ impl SequenceWriter {
     /// a sequence without images.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when the frame's size differs from the header or the frame is one too
+    /// [`Error::Unwritable`] when the frame's size differs from the header or the frame is one too
     /// many. [`Error::Io`] when it cannot be written.
     pub fn write_frame(&mut self, pixels: &[u8]) -> Result<(), Error> {
         if pixels.len() as u64 != self.frame_bytes {
-            let (got, wanted) = (pixels.len(), self.frame_bytes);
-            return Err(self.file.misuse(format!("a frame of {got} bytes was given, the header promises {wanted}")));
+            let (given, expected) = (pixels.len(), self.frame_bytes);
+            return Err(self.file.unwritable(Unwritable::FrameSize { given, expected }));
         }
         self.file.write_all(pixels).map_err(|source| self.file.failed("writing pixels", source))
     }
@@ -128,7 +127,7 @@ impl SequenceWriter {
     /// Completes the file and renames it to the target.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when frames are missing, [`Error::Io`] when the file cannot be
+    /// [`Error::Unwritable`] when frames are missing, [`Error::Io`] when the file cannot be
     /// written. The target is then unchanged.
     pub fn finish(self) -> Result<(), Error> {
         self.file.finish()
@@ -146,21 +145,21 @@ impl VolumeWriter {
     /// `header.fields` holds an `AnatomicalOrientation`.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when the header would not read back the same, [`Error::Io`] when the
+    /// [`Error::Unwritable`] when the header would not read back the same, [`Error::Io`] when the
     /// folder is not writable.
     pub fn create(path: &Path, header: &VolumeHeader) -> Result<Self, Error> {
-        let refuse = |problem: &str| Error::Misuse(format!("{}: {problem}", path.display()));
+        let refuse = |source| Error::Unwritable { path: path.to_owned(), source };
         let expected = header.slice_bytes().and_then(|bytes| bytes.checked_mul(u64::from(header.size[2])));
-        let Some(expected) = expected else { return Err(refuse("the volume would take more than 2⁶⁴ bytes")) };
+        let Some(expected) = expected else { return Err(refuse(Unwritable::TooLarge)) };
         if expected == 0 {
-            return Err(refuse("a volume needs at least one voxel along each axis, of at least one channel"));
+            return Err(refuse(Unwritable::EmptyVolume));
         }
         let placed = header.axes.as_flattened().iter().chain(&header.origin).all(|v| v.is_finite());
         if !placed || !header.spacing.iter().all(|&mm| mm.is_finite() && mm > 0.0) {
-            return Err(refuse("a volume's spacing must be positive, and its origin and axes finite"));
+            return Err(refuse(Unwritable::Place));
         }
-        check_channels(header.channels).map_err(|problem| refuse(&problem))?;
-        let container = Container::of_volume(path).map_err(|problem| refuse(&problem))?;
+        check_channels(header.channels).map_err(refuse)?;
+        let container = Container::of_volume(path).map_err(refuse)?;
         let data_file = container.data_file(path, header.compressed);
         let beside = data_file.as_deref();
         let (head, packing) = match container {
@@ -173,7 +172,7 @@ impl VolumeWriter {
             Container::Nifti => (nifti(header), Packing::Raw),
             Container::NiftiGz => (nifti(header), Packing::GzipWhole),
         };
-        let (bytes, size_at) = head.map_err(|problem| refuse(&problem))?;
+        let (bytes, size_at) = head.map_err(refuse)?;
         let packing = if header.compressed || container == Container::NiftiGz { packing } else { Packing::Raw };
         Ok(Self { file: PixelFile::create(path, Head { bytes, size_at, data_file }, packing, expected)? })
     }
@@ -181,7 +180,7 @@ impl VolumeWriter {
     /// Completes the file and renames it to the target.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when voxels are missing, [`Error::Io`] when the file cannot be
+    /// [`Error::Unwritable`] when voxels are missing, [`Error::Io`] when the file cannot be
     /// written. The target is then unchanged.
     pub fn finish(self) -> Result<(), Error> {
         self.file.finish()
@@ -206,29 +205,26 @@ impl Text {
     }
 }
 
-fn nifti(header: &VolumeHeader) -> Result<(Vec<u8>, Option<u64>), String> {
+fn nifti(header: &VolumeHeader) -> Result<(Vec<u8>, Option<u64>), Unwritable> {
     let fields = metaimage::text::fields(&header.fields)?;
     nifti::write::header(header, &fields).map(|bytes| (bytes, None))
 }
 
-fn check_channels(channels: u32) -> Result<(), String> {
-    if (1..=4).contains(&channels) {
-        Ok(())
-    } else {
-        Err(format!("{channels} channels were asked for; images have 1 to 4"))
-    }
+fn check_channels(channels: u32) -> Result<(), Unwritable> {
+    if (1..=4).contains(&channels) { Ok(()) } else { Err(Unwritable::Channels(channels)) }
 }
 
 /// Reads the header back: a field's name may have a meaning that the caller did not intend.
-fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), String> {
+fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), Unwritable> {
     let limits = Limits { header_bytes: u64::MAX, frame_bytes: u64::MAX, items: u64::MAX, transposed_bytes: u64::MAX };
+    let refuse = |fault: Fault| Unwritable::Header(fault.sentence());
     let mut parser = Parser::new(text.style.grammar, limits);
     for line in text.text.split_inclusive('\n') {
-        parser.line(line.as_bytes()).map_err(Fault::sentence)?;
+        parser.line(line.as_bytes()).map_err(refuse)?;
     }
-    let fields = parser.finish().map_err(Fault::sentence)?;
+    let fields = parser.finish().map_err(refuse)?;
     let layout = Layout::to_be_written(header.items.len() as u64, header.size != [0, 0]);
-    let read = Sequence::new(fields, &layout).map_err(Fault::sentence)?;
+    let read = Sequence::new(fields, &layout).map_err(refuse)?;
     let bits = |matrix: &[f64; 16]| matrix.map(|v| if v.is_nan() { f64::NAN } else { v }.to_bits());
     for (frame, put) in (0..).zip(&header.items) {
         let got = read.item(frame);
@@ -241,9 +237,7 @@ fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), String> {
             });
         let others = got.fields.iter().map(|(name, value)| (&*read.names[*name as usize], &**value));
         if !(times && picture && transforms && others.eq(put.fields.iter().map(|(name, value)| (&**name, &**value)))) {
-            return Err(format!(
-                "frame {frame} would not read back as given: one of its fields has a name that means something else; rename it"
-            ));
+            return Err(Unwritable::Meaning(frame));
         }
     }
     Ok(())

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use sonoweave_core::reading::{Status, split_transform_name};
 
+use crate::Unwritable;
 use crate::image::header::{Grammar, full_name};
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 use crate::image::write::SequenceItem;
@@ -45,25 +46,21 @@ impl Text {
     }
 
     /// Appends a line of externally supplied texts, after checking them.
-    pub(crate) fn field(&mut self, name: &str, value: &str) -> Result<(), String> {
+    pub(crate) fn field(&mut self, name: &str, value: &str) -> Result<(), Unwritable> {
         let clean = |text: &str| !text.contains(char::is_control) && text.trim() == text;
         let reserved = self.style.reserved;
         if name.is_empty() || !clean(name) || name.contains(reserved) || name.starts_with('#') {
-            return Err(format!(
-                "{name:?} is no name of a field: it must not be empty, hold {reserved} or line ends, begin with #, or begin or end in a space"
-            ));
+            return Err(Unwritable::FieldName { name: name.to_owned(), reserved });
         }
         if !clean(&(self.style.escape)(value)) || value.trim() != value {
-            return Err(format!(
-                "the value {value:?} of field {name} must not hold line ends or begin or end in a space"
-            ));
+            return Err(Unwritable::FieldValue { name: name.to_owned(), value: value.to_owned() });
         }
         self.line(name, value);
         Ok(())
     }
 
     /// Appends orientation and type of a sequence's images, if given.
-    pub(crate) fn pictures(&mut self, [orientation, image_type]: [(&str, &str); 2]) -> Result<(), String> {
+    pub(crate) fn pictures(&mut self, [orientation, image_type]: [(&str, &str); 2]) -> Result<(), Unwritable> {
         for (name, value) in [orientation, image_type].into_iter().filter(|(_, value)| !value.is_empty()) {
             self.field(name, value)?;
         }
@@ -71,18 +68,18 @@ impl Text {
     }
 
     /// Appends further global fields; `taken` are the names already written.
-    pub(crate) fn extra(&mut self, fields: &[(String, String)], taken: &[&str]) -> Result<(), String> {
+    pub(crate) fn extra(&mut self, fields: &[(String, String)], taken: &[&str]) -> Result<(), Unwritable> {
         for (n, (name, value)) in fields.iter().enumerate() {
             let own = (self.style.grammar.is_structure)(name) || name.starts_with("Seq_Frame");
             if own || taken.contains(&&**name) || fields[..n].iter().any(|(earlier, _)| earlier == name) {
-                return Err(format!("field {name} is given twice, or is one that the writer sets itself"));
+                return Err(Unwritable::FieldTwice(name.clone()));
             }
             self.field(name, value)?;
         }
         Ok(())
     }
 
-    pub(crate) fn item(&mut self, frame: u64, item: &SequenceItem) -> Result<(), String> {
+    pub(crate) fn item(&mut self, frame: u64, item: &SequenceItem) -> Result<(), Unwritable> {
         for transform in &item.transforms {
             let base = if transform.to.is_empty() {
                 transform.from.clone()
@@ -90,10 +87,8 @@ impl Text {
                 format!("{}To{}", transform.from, transform.to)
             };
             if split_transform_name(&base) != (transform.from.clone(), transform.to.clone()) {
-                return Err(format!(
-                    "the frame names {:?} and {:?} could not be told apart in {base}Transform; the second must begin with a capital letter",
-                    transform.from, transform.to
-                ));
+                let (from, to) = (transform.from.clone(), transform.to.clone());
+                return Err(Unwritable::FrameNames { from, to });
             }
             self.field(&full_name(frame, &format!("{base}Transform")), &list(&transform.matrix))?;
             self.field(&full_name(frame, &format!("{base}TransformStatus")), word(&transform.status)?)?;
@@ -102,7 +97,7 @@ impl Text {
         for (name, seconds) in times {
             let Some(seconds) = seconds else { continue };
             if !seconds.is_finite() {
-                return Err(format!("the {name} {seconds} of frame {frame} is no time; it must be finite"));
+                return Err(Unwritable::Time { name, frame, seconds });
             }
             self.line(&full_name(frame, name), &seconds.to_string());
         }
@@ -123,12 +118,10 @@ pub(crate) fn list(values: &[f64]) -> String {
     values.join(" ")
 }
 
-fn word(status: &Status) -> Result<&str, String> {
+fn word(status: &Status) -> Result<&str, Unwritable> {
     match status {
         Status::Ok => Ok("OK"),
-        Status::Other(word) if word.eq_ignore_ascii_case("OK") => {
-            Err(format!("the status {word:?} would read back as valid; use Status::Ok"))
-        }
+        Status::Other(word) if word.eq_ignore_ascii_case("OK") => Err(Unwritable::Status(word.to_string())),
         Status::Other(word) => Ok(word),
     }
 }

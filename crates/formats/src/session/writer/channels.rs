@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 
 use mcap::write::PrivateRecordOptions;
 
-use sonoweave_core::Error;
 use sonoweave_core::reading::Reading;
 
+use crate::Error;
 use crate::session::CHANNELS;
 use crate::session::about::RecordedDevice;
 use crate::session::message::{self, Crop};
 use crate::session::proto::Fields;
 use crate::session::schema::{self, Schema};
-use crate::session::writer::{SessionWriter, Source, misuse};
+use crate::session::writer::{SessionWriter, Source, refused};
 
 /// A device being written.
 pub(super) struct Device {
@@ -39,7 +39,7 @@ impl SessionWriter {
     /// Writes the table of channels into the chunk.
     pub(super) fn tell_channels(&mut self) -> Result<(), Error> {
         let inside = PrivateRecordOptions::IncludeInChunks.into();
-        self.file.write_private_record(CHANNELS, &self.table, inside).map_err(|error| misuse(&self.path, &error))
+        self.file.write_private_record(CHANNELS, &self.table, inside).map_err(|error| refused(&self.path, error))
     }
 
     /// Creates a channel and writes its description to the file.
@@ -49,7 +49,7 @@ impl SessionWriter {
             .file
             .add_schema(schema.name, "protobuf", &schema.descriptors())
             .and_then(|id| self.file.add_channel(id, &topic, "protobuf", &BTreeMap::new()));
-        let id = made.map_err(|error| misuse(&self.path, &error))?;
+        let id = made.map_err(|error| refused(&self.path, error))?;
         Fields::to(&mut self.table).message(1, |out| {
             out.uint(1, id.into());
             out.text(2, &topic);

@@ -1,6 +1,7 @@
 //! The unit's output list, which determines the columns or bytes of a record.
 
 use super::FEWEST_REPLY_BYTES;
+use crate::tracker::polhemus::ListError;
 
 /// One entry of an output list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -131,27 +132,8 @@ pub const MOST_ENTRIES: usize = 32;
 /// Longest record that a unit writes, in bytes.
 pub const LONGEST_RECORD: usize = 254;
 
-/// Why a list of codes is invalid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum ListError {
-    /// The code is unknown.
-    #[error(
-        "output item {0} is not known; known are 0 to 7, 11, 16, 18 to 20, and 52 to 57, 61, 66 for extended precision"
-    )]
-    Unknown(u8),
-    /// The list has more entries than a unit accepts.
-    #[error("{0} output items are more than the {MOST_ENTRIES} that a unit takes")]
-    TooMany(usize),
-    /// The record would be longer than a unit writes.
-    #[error("records of {0} bytes are longer than the {LONGEST_RECORD} that a unit writes; ask for fewer output items")]
-    TooLong(usize),
-    /// Extended precision exists in text only.
-    #[error("output item {0} is extended precision, which exists in text only; in binary ask for {plain}", plain = .0 - 50)]
-    ExtendedBinary(u8),
-    /// The 14-bit items are binary only.
-    #[error("output item {0} packs numbers into 14 bits, which exists in binary only")]
-    PackedText(u8),
-}
+/// Codes that units know.
+const KNOWN: &str = "0 to 7, 11, 16, 18 to 20, and 52 to 57, 61, 66 for extended precision";
 
 /// Layout of every record of a station.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -172,12 +154,12 @@ impl Layout {
     /// [`ListError`] for codes, lengths and combinations that no unit has.
     pub fn new(mode: Mode, codes: &[u8]) -> Result<Self, ListError> {
         if codes.len() > MOST_ENTRIES {
-            return Err(ListError::TooMany(codes.len()));
+            return Err(ListError::TooMany { given: codes.len(), most: MOST_ENTRIES });
         }
         let mut entries = [Entry { item: Item::Space, extended: false }; MOST_ENTRIES];
         let mut length = 3;
         for (entry, &code) in entries.iter_mut().zip(codes) {
-            *entry = Entry::from_code(code).ok_or(ListError::Unknown(code))?;
+            *entry = Entry::from_code(code).ok_or(ListError::Unknown { code, known: KNOWN })?;
             if entry.extended && mode == Mode::Binary {
                 return Err(ListError::ExtendedBinary(code));
             }
@@ -187,7 +169,7 @@ impl Layout {
             length += entry.bytes(mode);
         }
         if length > LONGEST_RECORD {
-            return Err(ListError::TooLong(length));
+            return Err(ListError::TooLong { bytes: length, most: LONGEST_RECORD });
         }
         Ok(Self { entries, count: codes.len(), mode, length })
     }

@@ -31,7 +31,7 @@ mod unit;
 pub mod write;
 
 pub use command::Command;
-pub use list::{Entry, Item, LONGEST_RECORD, Layout, ListError, MOST_ENTRIES, Mode};
+pub use list::{Entry, Item, LONGEST_RECORD, Layout, MOST_ENTRIES, Mode};
 pub use reply::{Reply, Status};
 pub(super) use unit::judge_stations;
 pub use unit::{Question, Speech, Unit, status_of};

@@ -4,9 +4,10 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Timing};
+use sonoweave_core::{Description, Timing};
 
 use super::{Command, Fastrak, Layout, Mode, Record, Reply, STATIONS, Status as UnitStatus};
+use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
@@ -50,14 +51,14 @@ impl Unit {
     /// rate.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no FASTRAK has.
+    /// [`Error::Setting`] for settings that no FASTRAK has.
     pub fn new(name: &str, settings: Settings, line: impl Into<Line>) -> Result<Self, Error> {
         settings.check(STATIONS as u8)?;
         let mode = if settings.binary { Mode::Binary } else { Mode::Ascii };
         let mut layouts = [None; STATIONS];
         for station in &settings.stations {
             let codes: &[u8] = if settings.stylus == Some(*station) { &[2, 11, 16, 1] } else { &[2, 11, 1] };
-            let layout = Layout::new(mode, codes).map_err(|error| Error::Misuse(format!("tracker: {error}")))?;
+            let layout = Layout::new(mode, codes)?;
             layouts[usize::from(*station) - 1] = Some(layout);
         }
         let rate_hz = Some(CYCLES / settings.stations.len() as f64);

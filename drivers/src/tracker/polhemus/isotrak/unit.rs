@@ -7,9 +7,10 @@
 use std::collections::VecDeque;
 
 use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Timing};
+use sonoweave_core::{Description, Timing};
 
 use super::{CM_PER_COUNT, Isotrak, Layout, PRESSED, RELEASED, Record, STATIONS, UNIT_PER_COUNT};
+use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
@@ -70,14 +71,13 @@ impl Unit {
     /// rate.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no ISOTRAK has.
+    /// [`Error::Setting`] for settings that no ISOTRAK has.
     pub fn new(name: &str, settings: Settings, line: impl Into<Line>) -> Result<Self, Error> {
         settings.check(STATIONS)?;
-        let misuse = |error: &dyn std::fmt::Display| Error::Misuse(format!("tracker: {error}"));
         // Binary needs no line end, because the beginning of a record is marked.
         let codes: &[u8] = if settings.binary { &[2, 11] } else { &[2, 11, 1] };
-        let text = fastrak::Layout::new(Mode::Ascii, codes).map_err(|error| misuse(&error))?;
-        let packed = Layout::new(codes).map_err(|error| misuse(&error))?;
+        let text = fastrak::Layout::new(Mode::Ascii, codes)?;
+        let packed = Layout::new(codes)?;
         let rate_hz = Some(CYCLES / settings.stations.len() as f64);
         // The latency from measurement to the first byte is not documented.
         let timing = Timing { rate_hz, ..Timing::default() };

@@ -1,5 +1,7 @@
 //! The unit's output list, which determines the body of a frame.
 
+use crate::tracker::polhemus::ListError;
+
 /// One entry of an output list. The codes differ from FASTRAK's: the quaternion is 7 here and 11
 /// there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -78,20 +80,6 @@ pub const MOST_ITEMS: usize = 32;
 /// Longest body of a frame, in bytes.
 pub const LONGEST_BODY: usize = 1000;
 
-/// Why a list of codes is invalid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum ListError {
-    /// The code is unknown.
-    #[error("output item {0} is not known; known are 0 to 12")]
-    Unknown(u8),
-    /// The list has more entries than this driver supports.
-    #[error("{0} output items are more than the {MOST_ITEMS} that are taken")]
-    TooMany(usize),
-    /// The body would be longer than a unit sends.
-    #[error("frames of {0} bytes are longer than the {LONGEST_BODY} that a unit sends; ask for fewer output items")]
-    TooLong(usize),
-}
-
 /// Layout of the body of every frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
@@ -110,15 +98,18 @@ impl Layout {
     /// [`ListError`] for codes and lengths that no unit has.
     pub fn new(codes: &[u8]) -> Result<Self, ListError> {
         if codes.len() > MOST_ITEMS {
-            return Err(ListError::TooMany(codes.len()));
+            return Err(ListError::TooMany { given: codes.len(), most: MOST_ITEMS });
         }
         let mut items = [Item::Space; MOST_ITEMS];
         let mut body = 0;
         for (item, &code) in items.iter_mut().zip(codes) {
-            *item = Item::from_code(code).ok_or(ListError::Unknown(code))?;
+            *item = Item::from_code(code).ok_or(ListError::Unknown { code, known: "0 to 12" })?;
             body += item.bytes();
         }
-        if body > LONGEST_BODY { Err(ListError::TooLong(body)) } else { Ok(Self { items, count: codes.len(), body }) }
+        if body > LONGEST_BODY {
+            return Err(ListError::TooLong { bytes: body, most: LONGEST_BODY });
+        }
+        Ok(Self { items, count: codes.len(), body })
     }
 
     /// Returns the list, in order.

@@ -22,7 +22,7 @@ mod unit;
 mod write;
 
 pub use command::Command;
-pub use list::{Item, LONGEST_BODY, Layout, ListError, MOST_ITEMS};
+pub use list::{Item, LONGEST_BODY, Layout, MOST_ITEMS};
 pub use unit::{Question, Speech, Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};

@@ -8,10 +8,11 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Ticks, Timing};
+use sonoweave_core::{Description, Ticks, Timing};
 
 use super::command::{Command, Counter as Zeroed, Rate, Stations};
 use super::{Header, Layout, Liberty, MOST_STATIONS, Record, Reply, Tag};
+use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
@@ -73,18 +74,17 @@ impl Unit {
     /// rate.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no such unit has.
+    /// [`Error::Setting`] for settings that no such unit has.
     pub fn new(name: &str, settings: Settings, line: impl Into<Line>) -> Result<Self, Error> {
         settings.check(MOST_STATIONS)?;
         if !settings.binary {
-            return Err(Error::Misuse(
-                "tracker.binary: the text of LIBERTY and PATRIOT has no columns that could be told apart; set it to true".into(),
-            ));
+            let problem = "the text of LIBERTY and PATRIOT has no separate columns; set it to true";
+            return Err(Error::setting("tracker", "binary", problem));
         }
         // Frame count, switch, distortion, position, and last the quaternion. Its length shows
         // whether a byte before it was lost.
         let codes: &[u8] = if settings.stylus.is_some() { &[9, 10, 11, 2, 7] } else { &[9, 11, 2, 7] };
-        let layout = Layout::new(codes).map_err(|error| Error::Misuse(format!("tracker: {error}")))?;
+        let layout = Layout::new(codes)?;
         let line = line.into();
         let timing =
             Timing { ticks: Ticks::Measurements, wraps_at: Some(1 << 32), sampling_ns: SAMPLING, ..Timing::default() };
@@ -341,7 +341,7 @@ pub fn status_of(error: u8, position_cm: &[f64; 3], quaternion_wxyz: &[f64; 4]) 
         b'a'..=b'g' => "a coil of the transmitter fails",
         b'A'..=b'G' => "a coil of the transmitter fails, and the built-in test found errors",
         b'u' => "outside the box that the unit's distortion map covers",
-        _ if !crate::tracker::polhemus::is_pose(position_cm, quaternion_wxyz) => "numbers that no pose has",
+        _ if !crate::tracker::polhemus::is_pose(position_cm, quaternion_wxyz) => "impossible numbers for a pose",
         _ => return Status::Ok,
     };
     Status::Other(Cow::Borrowed(why))

@@ -7,10 +7,11 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
-use sonoweave_core::{Description, Error, Ticks, Timing};
+use sonoweave_core::{Description, Ticks, Timing};
 
 use super::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
 use super::{FRAME_HEADER, HEADER, MOST_SENSORS, OrientationUnit, PositionUnit, Record, SENSOR, TRAILER, Viper};
+use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
@@ -84,11 +85,11 @@ impl Unit {
     /// rate.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that no VIPER has.
+    /// [`Error::Setting`] for settings that no VIPER has.
     pub fn new(name: &str, settings: Settings, line: impl Into<Line>) -> Result<Self, Error> {
         settings.check(MOST_SENSORS as u8)?;
         if !settings.binary {
-            return Err(Error::Misuse("tracker.binary: VIPER has no text; set it to true".into()));
+            return Err(Error::setting("tracker", "binary", "VIPER has no text; set it to true"));
         }
         // The latency from measurement to the first byte is not documented.
         let timing = Timing { ticks: Ticks::Measurements, wraps_at: Some(1 << 32), ..Timing::default() };
@@ -143,7 +144,7 @@ impl Speech {
                 Heard::Bad("keeps sending other units than centimetres and quaternions; switch it off and on".into())
             }
             Question::Rate if first != self.rate.0 as u32 => {
-                Heard::Bad(format!("does not take {} frames a second; switch it off and on", self.rate.1))
+                Heard::Bad(format!("does not accept {} frames a second; switch it off and on", self.rate.1))
             }
             Question::Units | Question::Rate | Question::Set(_) | Question::Forget(_) => Heard::Good,
         }
@@ -277,7 +278,7 @@ impl UnitProtocol for Speech {
                 let quaternion_wxyz = sensor.orientation.map(f64::from);
                 let status = match crate::tracker::polhemus::is_pose(&position_cm, &quaternion_wxyz) {
                     true => Status::Ok,
-                    false => Status::Other(Cow::Borrowed("numbers that no pose has")),
+                    false => Status::Other(Cow::Borrowed("impossible numbers for a pose")),
                 };
                 found.push_back(Reading::Pose(Pose {
                     stamp,
