@@ -21,7 +21,7 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, ValueEnum};
 
-use config::bedside::Bedside;
+use config::bedside::{Bedside, schema};
 
 use super::Failure;
 
@@ -29,7 +29,7 @@ use super::Failure;
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
     after_help = "\
 With --config alone, a session runs until Ctrl-C, SIGTERM or the end of --duration, and then writes its outputs. A \
 second signal ends it at once, without further outputs. --check opens all devices and waits 5 s at most for each. It \
@@ -54,6 +54,9 @@ pub struct Arguments {
     /// effect
     #[arg(long, group = "modes", conflicts_with = "config")]
     keys: bool,
+    /// Print the JSON schema of configurations, for editors
+    #[arg(long, group = "modes", conflicts_with = "config")]
+    keys_schema: bool,
     /// Print a commented configuration to begin with
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
@@ -106,6 +109,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if arguments.keys {
         return Ok(out.write_all(keys::text().as_bytes())?);
+    }
+    if arguments.keys_schema {
+        return Ok(writeln!(out, "{:#}", schema::json())?);
     }
     let Some(path) = &arguments.config else {
         return Err(Failure(

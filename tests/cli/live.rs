@@ -173,6 +173,9 @@ fn wrong_kind_of_configuration_is_refused() {
         assert_eq!(place.run(words).code, 2, "{words}");
     }
     place.refuses("live --config b.toml", &["b.toml: tracker.modell (line 4): unknown key"]);
+    let schema: Value = serde_json::from_str(&place.does("live --keys-schema")).unwrap();
+    let frozen_s = &schema["properties"]["scanner"]["properties"]["frozen_s"];
+    assert_eq!((frozen_s["minimum"].as_f64(), frozen_s["default"].as_f64()), (Some(0.05), Some(0.5)));
     let keys = place.does("live --keys");
     assert!(keys.contains("\n[tracker]\n") && keys.contains("\n  latency_ms = -1000 to 1000 *\n"), "{keys}");
 }

@@ -4,8 +4,9 @@ use std::io::Read as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Errors of this program's files. The message says what is wrong, where, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -134,6 +135,20 @@ impl<'a> Table<'a> {
         Some(Entry { source: self.source, value: value.get_ref(), span: value.span(), path: join(&self.path, key) })
     }
 
+    /// Reads the table into a type. The type's errors are placed at the key that holds the value.
+    ///
+    /// # Errors
+    /// [`FileError::Key`] with the type's sentence.
+    pub fn read<T: Deserialize<'a>>(&self) -> Result<T, FileError> {
+        let value = Spanned::new(self.span.clone(), DeValue::Table(self.table.clone()));
+        T::deserialize(ValueDeserializer::from(value)).map_err(|e| {
+            let span = e.span().unwrap_or_else(|| self.span.clone());
+            let holder = self.table.iter().find(|(_, value)| value.span().contains(&span.start));
+            let path = holder.map_or_else(|| self.path.clone(), |(key, _)| join(&self.path, key.get_ref()));
+            Entry { source: self.source, value: &DeValue::Boolean(false), span, path }.error(e.message())
+        })
+    }
+
     /// Returns the value of `key`; an error if it is missing.
     pub fn need(&self, key: &str) -> Result<Entry<'a>, FileError> {
         self.get(key).ok_or_else(|| FileError::Key {
@@ -150,14 +165,33 @@ impl<'a> Entry<'a> {
     pub fn error(&self, problem: impl Into<String>) -> FileError {
         FileError::Key {
             path: self.source.path.to_owned(),
-            line: self.source.line(self.span.clone()),
+            line: self.line(),
             key: self.path.clone(),
             problem: problem.into(),
         }
     }
 
-    fn wrong(&self, wanted: &str) -> FileError {
-        self.error(format!("must be {wanted}, not {}", kind(self.value)))
+    /// Returns an error about a value of another kind than `wanted`.
+    pub fn wrong(&self, wanted: &str) -> FileError {
+        self.error(format!("must be {wanted}, not {}", self.kind()))
+    }
+
+    /// Returns the line where the value begins, from 1.
+    pub fn line(&self) -> usize {
+        self.source.line(self.span.clone())
+    }
+
+    /// Returns the kind of the value, in words.
+    pub fn kind(&self) -> &'static str {
+        match self.value {
+            DeValue::String(_) => "a text",
+            DeValue::Integer(_) => "a whole number",
+            DeValue::Float(_) => "a number",
+            DeValue::Boolean(_) => "true or false",
+            DeValue::Datetime(_) => "a date",
+            DeValue::Array(_) => "a list",
+            DeValue::Table(_) => "a table",
+        }
     }
 
     /// Returns a text.
@@ -245,18 +279,6 @@ impl<'a> Entry<'a> {
 
 fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
-}
-
-fn kind(value: &DeValue<'_>) -> &'static str {
-    match value {
-        DeValue::String(_) => "a text",
-        DeValue::Integer(_) => "a whole number",
-        DeValue::Float(_) => "a number",
-        DeValue::Boolean(_) => "true or false",
-        DeValue::Datetime(_) => "a date",
-        DeValue::Array(_) => "a list",
-        DeValue::Table(_) => "a table",
-    }
 }
 
 /// Suggests the known key nearest to `name`, or lists all known keys.

@@ -1,6 +1,6 @@
 //! Lists every key of a configuration, for people.
 
-use config::bedside::schema::{Applies, SECTIONS};
+use config::bedside::schema::SECTIONS;
 
 /// Columns before the description of a key.
 const INDENT: usize = 4;
@@ -15,13 +15,13 @@ pub(super) fn text() -> String {
         effect in the next session.",
         0,
     );
-    for section in SECTIONS {
+    for section in SECTIONS.iter() {
         text += &format!("\n[{}]\n", section.name);
         text += &wrapped(&format!("{}.", section.about), 0);
-        for key in section.keys {
-            let mark = if key.applies == Applies::AtOnce { " *" } else { "" };
+        for key in &section.keys {
+            let mark = if key.at_once { " *" } else { "" };
             text += &format!("  {} = {}{mark}\n", key.name, key.takes);
-            text += &wrapped(key.about, INDENT);
+            text += &wrapped(&key.about, INDENT);
         }
     }
     text
@@ -58,10 +58,10 @@ mod tests {
     #[test]
     fn text_lists_every_key_within_width() {
         let text = text();
-        for section in SECTIONS {
+        for section in SECTIONS.iter() {
             assert!(text.contains(&format!("\n[{}]\n", section.name)), "{}", section.name);
-            for key in section.keys {
-                let mark = if key.applies == Applies::AtOnce { " *\n" } else { "\n" };
+            for key in &section.keys {
+                let mark = if key.at_once { " *\n" } else { "\n" };
                 assert!(text.contains(&format!("  {} = {}{mark}", key.name, key.takes)), "{}", key.name);
             }
         }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::schema::{self, Applies};
+use super::schema;
 use super::{Bedside, Tracking};
 
 /// A key whose value changed.
@@ -56,12 +56,9 @@ impl Bedside {
             }
             // A device that was replaced by another has no key in common with it.
             let replaced = self.effective.contains_key(key) != newer.effective.contains_key(key);
-            let applies = schema::key(key).map_or(Applies::NextSession, |key| key.applies);
-            let change = Change { key: key.clone(), from, to };
-            match applies {
-                Applies::AtOnce if !replaced => changes.at_once.push(change),
-                _ => changes.next_session.push(change),
-            }
+            let at_once = !replaced && schema::key(key).is_some_and(|key| key.at_once);
+            let list = if at_once { &mut changes.at_once } else { &mut changes.next_session };
+            list.push(Change { key: key.clone(), from, to });
         }
         let told = changes.next_session.iter().any(|change| change.key.starts_with("calibration."));
         if self.calibration != newer.calibration && !told {

@@ -2,20 +2,21 @@
 
 use std::path::PathBuf;
 
-use serde::Serialize;
-
 use drivers::OpenSettings;
 use drivers::arm::microscribe::Family;
 use drivers::arm::{self, ArmSettings};
-use drivers::grabber::pixels::{Colour, Matrix, PixelFormat, Range};
-use drivers::grabber::{GrabberSettings, Interlace, Standard};
+use drivers::grabber::GrabberSettings;
+use drivers::grabber::pixels::Colour;
 use drivers::tracker::polhemus::{self, Model, Port, TrackerSettings};
-use sonoweave_core::keys::{Entry, FileError};
+use sonoweave_core::keys::FileError;
 use sync::graph::Names;
 
 use super::reader::Reader;
 use super::remote::{self, Remote};
+use super::schema::{self, values::TextOr};
 use crate::values;
+
+pub use super::schema::devices::ArmKind;
 
 /// Value in place of a port or a node for a device of the virtual bedside.
 pub const VIRTUAL: &str = "virtual";
@@ -27,10 +28,6 @@ pub const PROBE_FRAME: &str = "Probe";
 pub const REFERENCE_FRAME: &str = "Reference";
 /// Frame of the stylus.
 pub const STYLUS_FRAME: &str = "Stylus";
-
-/// The eight orientations of stored images.
-const ORIENTATIONS: [(&str, &str); 8] =
-    [("MF", "MF"), ("MN", "MN"), ("UF", "UF"), ("UN", "UN"), ("FM", "FM"), ("NM", "NM"), ("FU", "FU"), ("NU", "NU")];
 
 /// The device that carries or locates the probe.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,42 +126,26 @@ impl Tracker {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
-        let models = Model::ALL.map(|model| (model.name(), model));
-        let Some(model) = keys.choice_if("model", &models)? else {
-            return Err(keys.error("model", "is missing: give isotrak, fastrak, liberty, patriot or viper"));
-        };
-        let baud = keys.whole_if("baud", 1200..=10_000_000)?;
-        let port = keys.value_if("port", |entry| {
-            let text = entry.text()?;
-            if text != VIRTUAL && text != "usb" && !text.starts_with("usb:") && !text.starts_with('/') {
-                return Err(entry.error(format!(
+        let given: schema::devices::Tracker = keys.read()?;
+        let model = keys.need("model", given.model)?.0;
+        let (port, baud) = (keys.need("port", given.port)?, given.baud);
+        let port = match (port.as_str(), port.strip_prefix("usb:")) {
+            (VIRTUAL, _) => None,
+            ("usb", _) => Some(Port::Usb(None)),
+            (_, Some(which)) => Some(Port::Usb(Some(which.to_owned()))),
+            (path, _) if path.starts_with('/') => Some(Port::Serial { path: path.into(), baud }),
+            (text, _) => {
+                let problem = format!(
                     "\"{text}\" is not a port: give a serial line's path, such as \"/dev/ttyUSB0\", or \"usb\", \
                     \"usb:SERIAL\" or \"virtual\"; `sonoweave devices` lists ports"
-                )));
+                );
+                return Err(keys.error("port", problem));
             }
-            Ok(text.to_owned())
-        })?;
-        let port = match port.as_deref() {
-            None => {
-                return Err(keys.error(
-                    "port",
-                    "is missing: give the tracker's port; `sonoweave devices` lists the connected ones",
-                ));
-            }
-            Some(VIRTUAL) => None,
-            Some("usb") => Some(Port::Usb(None)),
-            Some(text) => Some(match text.strip_prefix("usb:") {
-                Some(which) => Port::Usb(Some(which.to_owned())),
-                None => Port::Serial { path: text.into(), baud },
-            }),
         };
         if baud.is_some() && !matches!(port, Some(Port::Serial { .. })) {
             return Err(keys.error("baud", "applies to serial lines only; leave it out"));
         }
-        let station = |n: u32| u8::try_from(n).unwrap_or(u8::MAX);
-        let probe = keys.whole("probe_station", 1, 1..=16).map(station)?;
-        let reference = keys.whole_if("reference_station", 1..=16)?.map(station);
-        let stylus = keys.whole_if("stylus_station", 1..=16)?.map(station);
+        let (probe, reference, stylus) = (given.probe_station, given.reference_station, given.stylus_station);
         let mut stations = vec![probe];
         for (key, other) in [("reference_station", reference), ("stylus_station", stylus)] {
             let Some(other) = other else { continue };
@@ -177,37 +158,29 @@ impl Tracker {
             stations.push(other);
         }
         stations.sort_unstable();
-        let usual = polhemus::Settings::default();
-        let hemisphere = keys.value("hemisphere", usual.hemisphere, |entry| match entry.as_text() {
-            Some("follow") => Ok([0.0; 3]),
-            Some(text) => Err(entry.error(format!("\"{text}\" is not a direction; give [x, y, z] or \"follow\""))),
-            None => Ok(entry.numbers::<3>()?.map(|x| x as f32)),
-        })?;
+        let hemisphere = match given.hemisphere {
+            TextOr::Text(text) if text == "follow" => [0.0; 3],
+            TextOr::Text(text) => {
+                let problem = format!("\"{text}\" is not a direction; give [x, y, z] or \"follow\"");
+                return Err(keys.error("hemisphere", problem));
+            }
+            TextOr::Other(direction) => direction,
+        };
         let settings = polhemus::Settings {
             stations,
             hemisphere,
-            binary: keys.truth("binary", usual.binary)?,
+            binary: given.binary,
             stylus,
-            rate_hz: keys.number("rate_hz", usual.rate_hz, 1.0..=10_000.0)?,
-            may_reset: keys.truth("may_reset", usual.may_reset)?,
+            rate_hz: given.rate_hz,
+            may_reset: given.may_reset,
         };
         let roles = Roles { probe, reference, stylus };
-        let tracker = Self { model, port, settings, roles, latency_ns: latency(&mut keys, latency_ms)? };
+        let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
+        let tracker = Self { model, port, settings, roles, latency_ns };
         let port = tracker.port.clone().unwrap_or(Port::Serial { path: VIRTUAL.into(), baud: None });
         drivers::open(&tracker.open_settings(port, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(tracker)
     }
-}
-
-/// Kind of an arm.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ArmKind {
-    /// One with protocol EA1, or lines of bare numbers.
-    Ea1(arm::ea1::Speech),
-    /// Three QSBs.
-    Qsb,
-    /// A MicroScribe or an Immersion box with this number of encoders.
-    MicroScribe(Family, u8),
 }
 
 /// An arm. Its joints are in the calibration file.
@@ -251,25 +224,16 @@ impl Arm {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
-        use arm::ea1::Speech::{BareNumbers, Blocks, Lines};
-        let kinds = [
-            ("ea1", ArmKind::Ea1(Lines)),
-            ("lines", ArmKind::Ea1(BareNumbers)),
-            ("qsb", ArmKind::Qsb),
-            ("microscribe", ArmKind::MicroScribe(Family::MicroScribe, 5)),
-            ("immersion", ArmKind::MicroScribe(Family::Box, 4)),
-        ];
-        let Some(mut kind) = keys.choice_if("kind", &kinds)? else {
-            return Err(keys.error("kind", "is missing: give ea1, lines, qsb, microscribe or immersion"));
-        };
-        if keys.truth("blocks", false)? {
+        use arm::ea1::Speech::{Blocks, Lines};
+        let given: schema::devices::Arm = keys.read()?;
+        let mut kind = keys.need("kind", given.kind)?.0;
+        if given.blocks {
             if kind != ArmKind::Ea1(Lines) {
                 return Err(keys.error("blocks", "applies to kind = \"ea1\" only; leave it out"));
             }
             kind = ArmKind::Ea1(Blocks);
         }
-        let encoders = keys.whole_if("encoders", 2..=6)?;
-        match (&mut kind, encoders.and_then(|n| u8::try_from(n).ok())) {
+        match (&mut kind, given.encoders) {
             (ArmKind::MicroScribe(_, own), Some(asked)) => *own = asked,
             (_, Some(_)) => {
                 return Err(
@@ -278,62 +242,53 @@ impl Arm {
             }
             (_, None) => {}
         }
-        let ports = keys.value_if("port", |entry| paths(entry, if kind == ArmKind::Qsb { 3 } else { 1 }))?;
-        let Some(ports) = ports else {
-            return Err(
-                keys.error("port", "is missing: give the arm's port; `sonoweave devices` lists the connected ones")
-            );
+        let ports = match keys.need("port", given.port)? {
+            TextOr::Text(one) => vec![one],
+            TextOr::Other(all) => all,
         };
+        check_paths(&keys, &ports, if kind == ArmKind::Qsb { 3 } else { 1 })?;
         let usual = match kind {
             ArmKind::MicroScribe(..) => arm::Settings::of_14_bits(),
             ArmKind::Ea1(_) | ArmKind::Qsb => arm::Settings::default(),
         };
-        let settings = arm::Settings {
-            rate_hz: keys.whole("rate_hz", usual.rate_hz, 1..=10_000)?,
-            fastest: keys.whole("fastest_counts_per_s", usual.fastest, 100..=u32::MAX)?,
-            counts_per_turn: keys.value("counts_per_turn", usual.counts_per_turn, |entry| {
-                let items = entry.items("a list of 3 whole numbers")?;
-                let counts = items.iter().map(Entry::whole).collect::<Result<Vec<_>, _>>()?;
-                <[u32; 3]>::try_from(counts)
-                    .map_err(|all| entry.error(format!("must hold 3 whole numbers, not {}", all.len())))
-            })?,
-            baud: keys.whole_if("baud", 1200..=10_000_000)?,
-        };
+        let fastest = given.fastest_counts_per_s.unwrap_or(usual.fastest);
+        keys.note("fastest_counts_per_s", &fastest);
+        let (rate_hz, counts_per_turn, baud) = (given.rate_hz, given.counts_per_turn, given.baud);
+        let settings = arm::Settings { rate_hz, fastest, counts_per_turn, baud };
         if ports == [VIRTUAL] && matches!(kind, ArmKind::MicroScribe(Family::Box, _)) {
             return Err(keys.error("port", "there is no virtual Immersion box; choose another kind"));
         }
         let ports = (ports != [VIRTUAL]).then(|| ports.into_iter().map(PathBuf::from).collect());
-        let arm = Self { kind, ports, settings, latency_ns: latency(&mut keys, latency_ms)? };
+        let arm = Self { kind, ports, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
         let named = arm.ports.clone().unwrap_or_default();
         drivers::open(&arm.open_settings(&named, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(arm)
     }
 }
 
-/// Reads one path or several; `virtual` must be the only one.
-fn paths(entry: &Entry<'_>, lines: usize) -> Result<Vec<String>, FileError> {
-    let path = |entry: &Entry<'_>| {
-        let text = entry.text()?;
-        match text.starts_with('/') {
-            true => Ok(text.to_owned()),
-            false => Err(entry.error(format!(
-                "\"{text}\" is not a serial line's path; give one, such as \"/dev/ttyUSB0\", or \"virtual\"; \
-                `sonoweave devices` lists ports"
-            ))),
-        }
-    };
-    if entry.as_text() == Some(VIRTUAL) {
-        return Ok(vec![VIRTUAL.to_owned()]);
+/// Checks the paths of an arm's lines; `virtual` must be the only one.
+fn check_paths(keys: &Reader<'_, '_>, all: &[String], lines: usize) -> Result<(), FileError> {
+    if all == [VIRTUAL] {
+        return Ok(());
     }
-    let all = match entry.is_list() {
-        true => entry.items("a list of paths")?.iter().map(path).collect::<Result<Vec<_>, _>>()?,
-        false => vec![path(entry)?],
-    };
+    if let Some(n) = all.iter().position(|path| !path.starts_with('/')) {
+        let key = if all.len() > 1 { format!("port[{n}]") } else { "port".into() };
+        return Err(keys.error(
+            &key,
+            format!(
+                "\"{}\" is not a serial line's path; give one, such as \"/dev/ttyUSB0\", or \"virtual\"; \
+                `sonoweave devices` lists ports",
+                all[n]
+            ),
+        ));
+    }
     match all.len() == lines {
-        true => Ok(all),
-        false if lines == 1 => Err(entry.error(format!("this arm has one line, not {}", all.len()))),
-        false => Err(entry
-            .error(format!("this arm has {lines} lines, base first, not {}; give a list of their paths", all.len()))),
+        true => Ok(()),
+        false if lines == 1 => Err(keys.error("port", format!("this arm has one line, not {}", all.len()))),
+        false => Err(keys.error(
+            "port",
+            format!("this arm has {lines} lines, base first, not {}; give a list of their paths", all.len()),
+        )),
     }
 }
 
@@ -360,64 +315,33 @@ impl Grabber {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
-        let Some(device) = keys.text_if("device")?.filter(|device| !device.is_empty()) else {
-            return Err(
-                keys.error("device", "is missing: give the grabber; `sonoweave devices` lists the connected ones")
-            );
-        };
+        let given: schema::devices::Grabber = keys.read()?;
+        let device = keys.need("device", given.device.filter(|device| !device.is_empty()))?;
         let is_virtual = device == VIRTUAL;
-        let usual = GrabberSettings::new(device);
-        let standards = [("ntsc", Standard::Ntsc), ("pal", Standard::Pal), ("secam", Standard::Secam)];
-        let interlaces =
-            [("one-field", Interlace::OneField), ("both-fields", Interlace::BothFields), ("whole", Interlace::Whole)];
-        let input = keys.value_if("input", |entry| match entry.as_text() {
-            Some(name) => Ok(name.to_owned()),
-            None => entry.whole().map(|number| number.to_string()),
-        })?;
         let settings = GrabberSettings {
-            input,
-            standard: keys.choice_if("standard", &standards)?,
-            format: keys.value_if("format", format)?.map(|format| format.0),
-            size: keys.parsed_if("size", "x", values::picture_size)?,
-            rate_hz: keys.number_if("rate_hz", 0.1..=1000.0)?,
-            colour: keys.choice("colour", "grey", &[("grey", Colour::Grey), ("rgb", Colour::Rgb)])?,
-            range: keys.choice_if("range", &[("limited", Range::Limited), ("full", Range::Full)])?,
-            matrix: keys.choice_if("matrix", &[("bt601", Matrix::Bt601), ("bt709", Matrix::Bt709)])?,
-            interlace: keys.choice("interlace", "one-field", &interlaces)?,
-            buffers: keys.whole("buffers", usual.buffers, 2..=32)?,
-            orientation: keys.choice("orientation", "MF", &ORIENTATIONS)?,
-            ..usual
+            input: given.input.map(|input| match input {
+                TextOr::Text(name) => name,
+                TextOr::Other(number) => number.to_string(),
+            }),
+            standard: given.standard.map(|standard| standard.0),
+            format: given.format.map(|format| format.0),
+            size: given.size.map(|size| keys.parsed("size", size, "x", values::picture_size)).transpose()?,
+            rate_hz: given.rate_hz,
+            colour: given.colour.0,
+            range: given.range.map(|range| range.0),
+            matrix: given.matrix.map(|matrix| matrix.0),
+            interlace: given.interlace.0,
+            buffers: given.buffers,
+            orientation: given.orientation.0.0,
+            ..GrabberSettings::new(device)
         };
         if is_virtual && settings.colour == Colour::Rgb {
             return Err(keys.error("colour", "a virtual grabber makes grey frames only; leave it out"));
         }
-        let grabber = Self { is_virtual, settings, latency_ns: latency(&mut keys, latency_ms)? };
+        let grabber = Self { is_virtual, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
         drivers::open(&grabber.open_settings()).map_err(|error| misuse(&keys, &error))?;
         Ok(grabber)
     }
-}
-
-/// A video format by its V4L2 name; serialises as that.
-struct Format(PixelFormat);
-
-impl Serialize for Format {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(&self.0)
-    }
-}
-
-fn format(entry: &Entry<'_>) -> Result<Format, FileError> {
-    let text = entry.text()?;
-    let found = PixelFormat::ALL.into_iter().find(|format| format.to_string().eq_ignore_ascii_case(text));
-    found.map(Format).ok_or_else(|| {
-        let all: Vec<String> = PixelFormat::ALL.iter().map(ToString::to_string).collect();
-        entry.error(format!("the format \"{text}\" cannot be read; give one of {}", all.join(", ")))
-    })
-}
-
-/// Reads the file's latency, or else the calibration's.
-pub(super) fn latency(keys: &mut Reader<'_, '_>, calibrated_ms: f64) -> Result<i64, FileError> {
-    keys.ms("latency_ms", calibrated_ms, -1000.0..=1000.0)
 }
 
 /// Converts a driver's complaint about settings to an error at the right key.

@@ -49,15 +49,12 @@ pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
 pub use reader::Effective;
 use reader::Reader;
 pub use remote::Remote;
+use schema::values::TextOr;
+pub use schema::{FORMAT, VERSION};
 pub use session::{Access, Pairing, Process, Realtime, Record, Scanner, Status};
 pub use settings_override::{Setting, SettingsOverride};
 pub use virtual_bedside::VirtualBedside;
 pub use volume::{Picture, Volume};
-
-/// The value of `format`.
-pub const FORMAT: &str = "sonoweave-bedside";
-/// The newest supported version.
-pub const VERSION: u32 = 1;
 
 /// A session configuration as its file contains it.
 #[derive(Debug, Clone)]
@@ -175,7 +172,7 @@ impl Bedside {
         let mut effective = Effective::new();
         let mut notes = Vec::new();
         let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
-        let Told { settings: told, clip, fan } = told_calibration(calibration_keys, texts)?;
+        let (told, clip, fan) = told_calibration(calibration_keys, texts)?;
 
         let calibrated = told.as_ref().and_then(|settings| settings.latency);
         let [of_tracking_ms, of_grabber_ms] = calibrated.map_or([0.0; 2], |ms| [ms.tracker_ms, ms.video_ms]);
@@ -311,8 +308,6 @@ impl Bedside {
     }
 }
 
-/// Age of a preset above which a warning is given, days.
-const WARN_AFTER_DAYS: u32 = 180;
 /// Difference above which two lags are not equal, ms. A hand at 50 mm/s moves by 0.05 mm in this
 /// time.
 const SAME_LAG_MS: f64 = 1.0;
@@ -329,35 +324,21 @@ fn other_lag(calibrated: &Latency, tracking: &Tracking, grabber: &Grabber) -> Op
     })
 }
 
-/// The section's calibration, and its overrides of the calibration's clip and fan.
-struct Told {
-    settings: Option<Settings>,
-    clip: Option<Clip>,
-    fan: Option<Fan>,
-}
+/// A calibration, and overrides of its clip and fan.
+type Told = (Option<Settings>, Option<Clip>, Option<Fan>);
 
+/// Reads the section's calibration, and its overrides of the calibration's clip and fan.
 fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, ConfigError> {
-    let file = keys.text_if("file")?.map(|file| keys.path_of(&file));
-    let preset = keys.text_if("preset")?;
-    let warn_after_days = keys.whole("warn_after_days", WARN_AFTER_DAYS, 1..=36_500)?;
-    let rows = keys.value_if("image_to_probe", |entry| entry.numbers::<16>())?;
-    let clip = keys.value_if("clip_px", |entry| match entry.as_text() {
-        Some(text) => text.parse().map_err(|e: mask::MaskError| entry.error(e.to_string())),
-        None => {
-            let items = entry.items("[x, y, width, height], \"auto\" or \"none\"")?;
-            let numbers = items.iter().map(sonoweave_core::keys::Entry::whole).collect::<Result<Vec<_>, _>>()?;
-            let [x, y, width, height] = numbers[..] else {
-                return Err(entry.error(format!("must hold 4 whole numbers of pixels, not {}", numbers.len())));
-            };
-            ClipRect::new(x, y, width, height).map(Clip::Rect).map_err(|e| entry.error(e.to_string()))
-        }
-    })?;
-    let fan = keys.value_if("fan", |entry| {
-        let table = entry.table(&["origin_px", "radii_px", "angles_deg"])?;
-        let pair = |key| table.need(key)?.numbers();
-        Fan::new(pair("origin_px")?, pair("radii_px")?, pair("angles_deg")?).map_err(|e| entry.error(e.to_string()))
-    })?;
-    let settings = match (file, rows) {
+    let given: schema::session::Calibration = keys.read()?;
+    let (file, preset) = (keys.path_if(given.file), given.preset);
+    let clip = given.clip_px.map(|clip| match clip {
+        TextOr::Text(text) => text.parse(),
+        TextOr::Other([x, y, width, height]) => ClipRect::new(x, y, width, height).map(Clip::Rect),
+    });
+    let clip = clip.transpose().map_err(|e| keys.error("clip_px", e.to_string()))?;
+    let fan = given.fan.map(|fan| Fan::new(fan.origin_px, fan.radii_px, fan.angles_deg));
+    let fan = fan.transpose().map_err(|e| keys.error("fan", e.to_string()))?;
+    let settings = match (file, given.image_to_probe) {
         (Some(_), Some(_)) => {
             return Err(keys
                 .error("image_to_probe", "file is there too and also gives the image's position; delete one of them")
@@ -366,7 +347,9 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
         (Some(file), None) => {
             let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
             let preset = settings.preset.as_ref();
-            settings.notes.extend(preset.and_then(|preset| preset.age_warning(Date::today(), warn_after_days.into())));
+            settings
+                .notes
+                .extend(preset.and_then(|preset| preset.age_warning(Date::today(), given.warn_after_days.into())));
             Some(settings)
         }
         _ if preset.is_some() => {
@@ -379,7 +362,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
         }
         (None, None) => None,
     };
-    Ok(Told { settings, clip, fan })
+    Ok((settings, clip, fan))
 }
 
 /// Returns the virtual bedside's own calibration.

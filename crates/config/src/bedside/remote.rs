@@ -5,8 +5,9 @@ use drivers::grabber::GrabberSettings;
 use drivers::openigtlink::{RemotePictures, RemoteSettings, RemoteTransforms};
 use sonoweave_core::keys::FileError;
 
-use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, latency, misuse};
+use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, misuse};
 use super::reader::Reader;
+use super::schema;
 
 /// Prefix of the address of an image server, in place of a grabber's name.
 pub(super) const PREFIX: &str = "openigtlink:";
@@ -34,13 +35,12 @@ impl Remote {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
-        let Some(address) = keys.text_if("address")? else {
-            return Err(keys.error("address", "is missing: give the server as HOST:PORT, such as \"127.0.0.1:18944\""));
-        };
-        let probe = keys.value("probe", "ProbeToTracker".to_owned(), |entry| entry.text().map(str::to_owned))?;
-        let mut transforms = vec![(probe, PROBE_FRAME)];
-        for (key, frame) in [("reference", REFERENCE_FRAME), ("stylus", STYLUS_FRAME)] {
-            let Some(name) = keys.text_if(key)? else { continue };
+        let given: schema::devices::Remote = keys.read()?;
+        let address = keys.need("address", given.address)?;
+        let mut transforms = vec![(given.probe, PROBE_FRAME)];
+        let others = [("reference", given.reference, REFERENCE_FRAME), ("stylus", given.stylus, STYLUS_FRAME)];
+        for (key, name, frame) in others {
+            let Some(name) = name else { continue };
             if transforms.iter().any(|(other, _)| *other == name) {
                 return Err(
                     keys.error(key, format!("{name} belongs to another sensor; give each sensor its own transform"))
@@ -48,8 +48,8 @@ impl Remote {
             }
             transforms.push((name, frame));
         }
-        let interval_ms = keys.whole("interval_ms", 5, 0..=1000)?;
-        let remote = Self { address, transforms, interval_ms, latency_ns: latency(&mut keys, latency_ms)? };
+        let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
+        let remote = Self { address, transforms, interval_ms: given.interval_ms, latency_ns };
         drivers::open(&remote.open_settings()).map_err(|error| misuse(&keys, &error))?;
         Ok(remote)
     }

@@ -7,7 +7,10 @@ use calibration::file::preset::{Preset, Ruler};
 use sonoweave_core::keys::FileError;
 
 use super::reader::Reader;
+use super::schema::{self, values::ns};
 use crate::values;
+
+pub use super::schema::session::Realtime;
 
 /// Pairing of frames with poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,10 +23,8 @@ pub struct Pairing {
 
 impl Pairing {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        Ok(Self {
-            wait_ns: keys.ms("wait_ms", 500.0, 0.0..=10_000.0)?,
-            longest_gap_ns: keys.ms("longest_gap_ms", 100.0, 1.0..=10_000.0)?,
-        })
+        let schema::session::Pairing { wait_ms, longest_gap_ms } = keys.read()?;
+        Ok(Self { wait_ns: ns(wait_ms), longest_gap_ns: ns(longest_gap_ms) })
     }
 }
 
@@ -36,9 +37,9 @@ pub struct Scanner {
 
 impl Scanner {
     pub(super) fn read(mut keys: Reader<'_, '_>, preset: Option<&Preset>) -> Result<Self, FileError> {
-        let frozen_s = keys.number("frozen_s", 0.5, 0.05..=60.0)?;
-        let ruler = keys.entry("ruler").map(|entry| Ruler::read(&entry)).transpose()?;
-        keys.notes("ruler", &ruler.map(|Ruler { px, mm }| [px, mm]));
+        let schema::session::Scanner { frozen_s, ruler } = keys.read()?;
+        let ruler = ruler.and_then(|ruler| Ruler::new(ruler.px, ruler.mm));
+        keys.note("ruler", &ruler.map(|Ruler { px, mm }| [px, mm]));
         if let Some(Err(misfit)) = preset.map(|preset| preset.fits(None, ruler)) {
             return Err(keys.error("ruler", misfit.to_string()));
         }
@@ -59,11 +60,8 @@ pub struct Record {
 
 impl Record {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        Ok(Self {
-            folder: keys.text_if("folder")?.map(|folder| keys.path_of(&folder)),
-            full_frame: keys.truth("full_frame", false)?,
-            keep_free_bytes: u64::from(keys.whole("keep_free_mb", 1024, 0..=u32::MAX)?) * 1_000_000,
-        })
+        let schema::session::Record { folder, full_frame, keep_free_mb } = keys.read()?;
+        Ok(Self { folder: keys.path_if(folder), full_frame, keep_free_bytes: u64::from(keep_free_mb) * 1_000_000 })
     }
 }
 
@@ -92,16 +90,15 @@ pub struct Access {
 
 impl Status {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        let listen = keys.value_if("listen", |entry| values::address(entry.text()?).map_err(|why| entry.error(why)))?;
-        let mut path = |key| keys.text_if(key).map(|told| told.map(|told| keys.path_of(&told)));
-        let [certificate, key, token_file] = [path("certificate")?, path("key")?, path("token_file")?];
-        let names = keys.value("names", Vec::new(), |entry| {
-            let items = entry.items("a list of names, such as [\"bedside-3.local\"]")?;
-            items
-                .iter()
-                .map(|item| item.text().and_then(|name| host_name(name).map_err(|why| item.error(why))))
-                .collect()
-        })?;
+        let given: schema::session::Status = keys.read()?;
+        let listen = given.listen.map(|listen| values::address(&listen)).transpose();
+        let listen = listen.map_err(|why| keys.error("listen", why))?;
+        let [certificate, key, token_file] =
+            [given.certificate, given.key, given.token_file].map(|told| keys.path_if(told));
+        let names = given.names.iter().enumerate();
+        let names = names.map(|(n, name)| host_name(name).map_err(|why| keys.error(&format!("names[{n}]"), why)));
+        let names = names.collect::<Result<Vec<_>, _>>()?;
+        keys.note("names", &names);
         Ok(Self { listen, access: Access { certificate, key, token_file, names } })
     }
 }
@@ -124,17 +121,6 @@ fn host_name(text: &str) -> Result<String, String> {
     ))
 }
 
-/// Real-time scheduling, and memory that is not paged out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Realtime {
-    /// Used as far as the system permits it.
-    IfPermitted,
-    /// Not even if it is permitted.
-    Never,
-    /// Required: no session runs without it.
-    Required,
-}
-
 /// The session among the machine's other programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Process {
@@ -143,11 +129,8 @@ pub struct Process {
 }
 
 impl Process {
-    const USUAL: &'static str = "if-permitted";
-
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        let names =
-            [(Self::USUAL, Realtime::IfPermitted), ("never", Realtime::Never), ("required", Realtime::Required)];
-        Ok(Self { realtime: keys.choice("realtime", Self::USUAL, &names)? })
+        let schema::session::Process { realtime } = keys.read()?;
+        Ok(Self { realtime: realtime.0 })
     }
 }

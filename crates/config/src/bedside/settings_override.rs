@@ -76,7 +76,7 @@ impl Bedside {
         let setting = |(key, value): (&String, &Value)| {
             let known = schema::key(key)?;
             let files = if FILES.contains(&key.as_str()) { files(folder, key) } else { Vec::new() };
-            Some(Setting { key: key.clone(), takes: known.takes, about: known.about, value: value.clone(), files })
+            Some(Setting { key: key.clone(), takes: &known.takes, about: &known.about, value: value.clone(), files })
         };
         keys.filter_map(setting).collect()
     }

@@ -83,8 +83,8 @@ fn examples_parse_and_cover_every_key() {
         }
         shown.extend(keys);
     }
-    for section in schema::SECTIONS {
-        for key in section.keys {
+    for section in schema::SECTIONS.iter() {
+        for key in &section.keys {
             assert!(shown.contains(&format!("{}.{}", section.name, key.name)), "{}.{}", section.name, key.name);
             assert!(!key.about.is_empty() && !key.takes.is_empty(), "{}", key.name);
         }
@@ -168,7 +168,10 @@ fn errors_name_file_line_key_and_valid_values() {
         ),
         ("[volume]\nspacing_mm = 0\n", "volume.spacing_mm (line 10): must be positive, in mm"),
         ("[volume]\nspacing_mm = [1, 2]\n", "volume.spacing_mm (line 10): must hold 3 numbers, not 2"),
-        ("[volume]\nspacing_mm = true\n", "volume.spacing_mm (line 10): must be a number, not true or false"),
+        (
+            "[volume]\nspacing_mm = true\n",
+            "volume.spacing_mm (line 10): must be a number or [x, y, z], not true or false",
+        ),
         (
             "[volume]\nsupport = \"width=3\"\n",
             "volume.support (line 10): must be energy=E, amplitude=E, gradient=E or peak=E",
@@ -197,7 +200,7 @@ fn errors_name_file_line_key_and_valid_values() {
             "[volume]\nmax_memory_gib = 0\n",
             "volume.max_memory_gib (line 10): must lie above 0 and not above 1000000, not at 0",
         ),
-        ("[volume]\nthreads = 0\n", "volume.threads (line 10): must be a whole number from 1 to 1024, not 0"),
+        ("[volume]\nthreads = 0\n", "volume.threads (line 10): must lie between 1 and 1024, not at 0"),
         ("[picture]\nstop = 1.5\n", "picture.stop (line 10): must lie between 0 and 1, not at 1.5"),
         (
             "[picture]\nmode = \"mip\"\nambient = 0.5\n",
@@ -233,10 +236,7 @@ fn errors_name_file_line_key_and_valid_values() {
             "[calibration]\nimage_to_probe = [1, 2]\n",
             "calibration.image_to_probe (line 10): must hold 16 numbers, not 2",
         ),
-        (
-            "[calibration]\nclip_px = [1, 2, 3]\n",
-            "calibration.clip_px (line 10): must hold 4 whole numbers of pixels, not 3",
-        ),
+        ("[calibration]\nclip_px = [1, 2, 3]\n", "calibration.clip_px (line 10): must hold 4 whole numbers, not 3"),
         ("[calibration]\nclip_px = \"all\"\n", "calibration.clip_px (line 10): \"all\" is neither auto, none"),
         (
             "[calibration]\nfan = { origin_px = [0, 0], radii_px = [5, 2], angles_deg = [-1, 1] }\n",
@@ -258,7 +258,7 @@ fn impossible_devices_refused_by_key() {
         ("", "[tracker] (line 1): neither [tracker] nor [arm] nor [remote] is there"),
         ("[tracker]\n", "tracker.model (line 3): is missing: give isotrak, fastrak, liberty, patriot or viper"),
         ("[tracker]\nmodel = \"aurora\"\n", "tracker.model (line 4): \"aurora\" is none of isotrak, fastrak"),
-        ("[tracker]\nmodel = \"viper\"\n", "tracker.port (line 3): is missing: give the tracker's port"),
+        ("[tracker]\nmodel = \"viper\"\n", "tracker.port (line 3): is missing: give a serial line's path, \"usb\""),
         (
             "[tracker]\nmodel = \"viper\"\nport = \"COM3\"\n",
             "tracker.port (line 5): \"COM3\" is not a port: give a serial line's path",
@@ -318,7 +318,7 @@ fn impossible_devices_refused_by_key() {
     let tracker = "[tracker]\nmodel = \"fastrak\"\nport = \"usb\"\n";
     let cases = [
         ("", "[grabber] (line 1): [grabber] is missing"),
-        ("[grabber]\nsize = \"1x1\"\n", "grabber.device (line 6): is missing: give the grabber"),
+        ("[grabber]\nsize = \"1x1\"\n", "grabber.device (line 6): is missing: give a video node, a grabber's name"),
         (
             "[grabber]\ndevice = \"/dev/video0\"\nsize = \"big\"\n",
             "grabber.size (line 8): must be WxH, two positive whole numbers",
@@ -329,7 +329,7 @@ fn impossible_devices_refused_by_key() {
         ),
         (
             "[grabber]\ndevice = \"/dev/video0\"\nbuffers = 1\n",
-            "grabber.buffers (line 8): must be a whole number from 2 to 32, not 1",
+            "grabber.buffers (line 8): must lie between 2 and 32, not at 1",
         ),
         (
             "[grabber]\ndevice = \"/dev/video0\"\norientation = \"XY\"\n",

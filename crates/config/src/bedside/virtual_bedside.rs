@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use drivers::simulated::Faults;
 use phantom::bedside::arm::{BedsideArm, standard_arm};
-use phantom::named::{MotionOptions, SceneName, SceneOptions, TrajectoryName};
+use phantom::named::{MotionOptions, SceneOptions, TrajectoryName};
 use phantom::scan::Depth;
 use phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
 use sonoweave_core::keys::{FileError, Table};
 
 use super::devices::Grabber;
 use super::reader::Reader;
+use super::schema;
+use super::schema::values::{Name, ns};
 use crate::Unfit;
 
 /// Default image size of a virtual grabber, pixels.
@@ -60,25 +62,19 @@ impl VirtualBedside {
         usual: TrajectoryName,
         grabber: &Grabber,
     ) -> Result<(ScannedHand, Option<Table<'a>>), FileError> {
-        let scene = keys.named("scene", SceneName::Doll)?;
-        let trajectory = keys.named("trajectory", usual)?;
-        let frames = keys.whole("frames", 300, 2..=100_000)?;
-        let gap = keys.number_if("gap_mm", f64::MIN_POSITIVE..=1000.0)?;
-        let pixel = keys.number_if("pixel_mm", f64::MIN_POSITIVE..=1000.0)?;
-        let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
-        let tracker_noise = TrackerNoise {
-            position_mm: keys.number("tracker_noise_mm", 0.0, 0.0..=10.0)?,
-            rotation_degrees: keys.number("tracker_noise_deg", 0.0, 0.0..=10.0)?,
-        };
-        let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
-        let painted = keys.truth("painted", false)?;
+        let given: schema::virtual_bedside::Virtual = keys.read()?;
+        let (scene, trajectory) = (given.scene.0, given.trajectory.unwrap_or(Name(usual)));
+        keys.note("trajectory", &trajectory);
+        let (trajectory, frames, seed) = (trajectory.0, given.frames, given.seed);
+        let tracker_noise =
+            TrackerNoise { position_mm: given.tracker_noise_mm, rotation_degrees: given.tracker_noise_deg };
         let shown = scene.shown(&SceneOptions::new(seed.into()));
         let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
-        let pixel_mm = pixel.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
+        let pixel_mm = given.pixel_mm.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
         let scanner = shown.scanned().map(|scanned| scanned.scanner);
-        let gap_mm = gap.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
-        let noise_sd = noise.unwrap_or_else(|| shown.usual_noise_sd());
+        let gap_mm = given.gap_mm.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
+        let noise_sd = given.noise_sd.unwrap_or_else(|| shown.usual_noise_sd());
         let unfit = |e: PhantomError| keys.unfit(Unfit::whole(e.to_string()), |setting| setting);
         let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
         let scan = Scan::new(ScanSettings {
@@ -97,7 +93,7 @@ impl VirtualBedside {
             first_ns: 0,
             interval_ns: (1e9 / rate_hz).round() as i64,
         });
-        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, painted, seed: seed.into() };
+        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, painted: given.painted, seed: seed.into() };
         Ok((hand, keys.into_table()))
     }
 }
@@ -121,25 +117,15 @@ impl ScannedHand {
 
 /// Reads the faults of a line.
 pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
-    Ok(Faults {
-        packet_ns: keys.ms("packet_ms", 0.0, 0.0..=1000.0)?,
-        drop: keys.number("drop", 0.0, 0.0..=1.0)?,
-        noise: keys.number("noise", 0.0, 0.0..=1.0)?,
-        ..of_any(&mut keys)?
-    })
+    let schema::virtual_bedside::Line { latency_ms, jitter_ms, packet_ms, drift_ppm, drop, noise, dropout } =
+        keys.read()?;
+    let [latency_ns, jitter_ns, packet_ns] = [latency_ms, jitter_ms, packet_ms].map(ns);
+    Ok(Faults { latency_ns, jitter_ns, packet_ns, drift_ppm, drop, noise, dropout, ..Faults::default() })
 }
 
 /// Reads the faults of a grabber.
 pub(super) fn of_grabber(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
-    of_any(&mut keys)
-}
-
-fn of_any(keys: &mut Reader<'_, '_>) -> Result<Faults, FileError> {
-    Ok(Faults {
-        latency_ns: keys.ms("latency_ms", 0.0, 0.0..=10_000.0)?,
-        jitter_ns: keys.ms("jitter_ms", 0.0, 0.0..=10_000.0)?,
-        drift_ppm: keys.number("drift_ppm", 0.0, -10_000.0..=10_000.0)?,
-        dropout: keys.number("dropout", 0.0, 0.0..=1.0)?,
-        ..Faults::default()
-    })
+    let schema::virtual_bedside::Grabber { latency_ms, jitter_ms, drift_ppm, dropout } = keys.read()?;
+    let [latency_ns, jitter_ns] = [latency_ms, jitter_ms].map(ns);
+    Ok(Faults { latency_ns, jitter_ns, drift_ppm, dropout, ..Faults::default() })
 }
