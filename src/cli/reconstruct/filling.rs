@@ -8,6 +8,7 @@ use reconstruct::Settings;
 use volume::Voxels;
 use volume::dense::{FILL_FIELD, FILLED_FIELD};
 
+use super::outputs::advised;
 use crate::cli::Failure;
 
 /// Default filling radius, mm: three voxels of the default spacing.
@@ -68,7 +69,8 @@ impl FillFlags {
         settings: &Settings,
     ) -> Result<Option<Filled<'a>>, Failure> {
         let Some(filling) = self.filling() else { return Ok(None) };
-        Ok(Some(filling.fill(volume, space, settings.threads, settings.memory_bytes)?))
+        let filled = filling.fill(volume, space, settings.threads, settings.memory_bytes);
+        Ok(Some(filled.map_err(advised)?))
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use config::Settings as Config;
+use export::ExportError;
 use export::dicom::volume::VolumeImage;
 use export::fill::{FILLED, Filled};
 use export::planes::{PlanesOptions, Shown, Window, planes};
@@ -83,11 +84,11 @@ impl<'a> Request<'a> {
                 if is_dicom(path) {
                     self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
                 } else {
-                    write_values(volume, &space, path, encoding, &fields)?;
+                    write_values(volume, &space, path, encoding, &fields).map_err(advised)?;
                 }
             }
             if let Some(path) = &beside.weights {
-                write_weights(volume, &space, path, &fields)?;
+                write_weights(volume, &space, path, &fields).map_err(advised)?;
             }
         }
         if let Some(path) = &beside.planes {
@@ -123,12 +124,13 @@ impl<'a> Request<'a> {
         let Encoding { scalar, unseen, .. } = *encoding;
         let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, identifiers };
         let mut weights = vec![0.0; usize::try_from(space.grid.size[0]).unwrap_or(0)];
-        image.check()?;
-        Ok(image.write(path, |y, z, row| {
+        image.check().map_err(advised)?;
+        let written = image.write(path, |y, z, row| {
             let [x0, y0, z0] = space.first;
             volume.row([x0, y0 + y as i64, z0 + z as i64], row, &mut weights);
             row.iter_mut().zip(&weights).for_each(|(value, weight)| *value = encoding.written(*value, *weight));
-        })?)
+        });
+        written.map_err(advised)
     }
 
     /// Returns the volume's provenance, for its header.
@@ -202,6 +204,19 @@ impl<'a> Request<'a> {
             println!("middle planes: {}", path.display());
         }
     }
+}
+
+/// Adds the flags that help to the error of a volume's export.
+pub(in crate::cli) fn advised(error: ExportError) -> Failure {
+    let flags = match error {
+        ExportError::VolumeTooLarge { .. } | ExportError::DicomTooLarge { .. } | ExportError::DicomTooLong { .. } => {
+            "--origin and --size, or --spacing"
+        }
+        ExportError::Memory { .. } => "--fill-radius, --size or --max-memory",
+        ExportError::FloatingPoint => "--type u8 or u16, and --window LO,HI",
+        _ => return error.into(),
+    };
+    Failure(format!("{error}: {flags}"))
 }
 
 fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failure> {
