@@ -6,7 +6,7 @@
 //!
 //! - [`dots`]: detects bright spots of an image.
 //! - [`layout`], [`matching`]: assign them to wires.
-//! - [`sighting`], [`track`]: recognised images, and poses between poses.
+//! - [`recording`], [`sighting`], [`track`]: observed and recognised images, and poses between poses.
 //! - [`plane`], [`linear`]: the plane from dots and poses, as the start of the fit.
 //! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's
 //!   lag, and their accuracy.
@@ -24,6 +24,7 @@ pub mod linear;
 pub mod matching;
 pub mod next;
 pub mod plane;
+pub mod recording;
 pub mod refine;
 pub mod refused;
 mod reread;
@@ -35,9 +36,10 @@ pub mod target;
 pub mod track;
 mod unknown;
 
-pub use calibrate::{Calibration, Observation, Recording, calibrate};
+pub use calibrate::{Calibration, calibrate};
 pub use dots::DotFinder;
 pub use layout::Layout;
 pub use matching::Matcher;
 pub use next::{NextView, next_view};
+pub use recording::{Dots, Observation, Recording};
 pub use refused::Refused;

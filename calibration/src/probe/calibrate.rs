@@ -4,17 +4,17 @@ use glam::{DAffine3, DVec2};
 
 use sonoweave_core::frames::{Phantom, Reference, Transform};
 
-use super::dots::Dot;
 use super::errors::{Errors, Evidence};
 use super::layout::Layout;
 use super::linear::{Start, start};
 use super::matching::{Match, Matcher, Reading};
 use super::plane::ImagePlane;
+use super::recording::{Observation, Recording};
 use super::refine::{Refined, Sought, refine};
 use super::refused::{Refused, Units};
 use super::reread::reread;
 use super::sighting::Sighting;
-use super::track::{Poses, Track};
+use super::track::Track;
 use crate::phantom::file::Registration;
 
 /// Minimum number of images with recognised dots and poses. PLUS requires as many.
@@ -31,35 +31,6 @@ const CLEARLY: f64 = 3.0;
 /// Minimum share of the brightest dots, as many as there are wires, that match the phantom in
 /// the median image. Dots of other phantoms match in part.
 const EXPLAINED: f64 = 0.7;
-
-/// An observed image and its poses.
-#[derive(Debug, Clone)]
-pub struct Observation {
-    /// Number of the frame.
-    pub frame: usize,
-    /// Time, s, by the clock of the poses.
-    pub time_s: f64,
-    /// Spots in it.
-    pub dots: Vec<Dot>,
-    /// The recognised wires.
-    pub reading: Option<Reading>,
-    /// Poses of the sensors at that time; `None` if the tracker reported them invalid.
-    pub poses: Option<Poses>,
-}
-
-/// The images of a recording.
-#[derive(Debug, Clone, Copy)]
-pub struct Recording<'a> {
-    /// In the order of acquisition.
-    pub observations: &'a [Observation],
-    /// Poses of the sensors at all times, from the tracker's own samples; `None` if only the
-    /// images' poses are known.
-    pub track: Option<&'a Track>,
-    /// Pixels along u and v.
-    pub size_px: [u32; 2],
-    /// Whether its times are real times and not frame numbers.
-    pub timed: bool,
-}
 
 /// Outcome of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -222,21 +193,21 @@ fn sight(
     recording: Recording<'_>,
     side: Side,
 ) -> Result<(Vec<Sighting>, Track), Refused> {
-    let Recording { observations, track, .. } = recording;
+    let observations = recording.observations;
     let total = observations.len();
     let posed = observations.iter().filter(|observation| observation.poses.is_some()).count();
     if posed == 0 {
         return Err(Refused::NoPoses { pictures: total });
     }
-    let read = observations.iter().filter_map(|observation| observation.reading.as_ref());
+    let read = observations.iter().filter_map(|observation| observation.seen.reading.as_ref());
     let (mut right, mut left) = (0_usize, 0_usize);
     for reading in read.filter(|reading| reading.mirrored.is_none()) {
         *(if reading.best.rightwards { &mut right } else { &mut left }) += 1;
     }
     let wires = layout.looked_for();
     let share = |observation: &Observation| {
-        let of = observation.dots.len().min(wires) as f64;
-        Some(observation.reading.as_ref()?.best.marks.len() as f64 / of)
+        let of = observation.seen.dots.len().min(wires) as f64;
+        Some(observation.seen.reading.as_ref()?.best.marks.len() as f64 / of)
     };
     let mut shares: Vec<f64> = observations.iter().filter_map(share).collect();
     shares.sort_by(f64::total_cmp);
@@ -255,7 +226,7 @@ fn sight(
     };
     let sighting = |observation: &Observation| {
         observation.poses?;
-        let marks = from_that_side(observation.reading.as_ref()?)?.marks;
+        let marks = from_that_side(observation.seen.reading.as_ref()?)?.marks;
         Some(Sighting { frame: observation.frame, time_s: observation.time_s, marks })
     };
     let sightings: Vec<Sighting> = observations.iter().filter_map(sighting).collect();
@@ -265,8 +236,7 @@ fn sight(
     if sightings.len() < LEAST_PICTURES {
         return Err(Refused::TooFew { pictures: sightings.len() });
     }
-    let own = || Track::new(observations.iter().filter_map(|observation| observation.poses).collect());
-    let track = track.cloned().unwrap_or_else(own);
+    let track = recording.poses();
     let map = |s: &Sighting| s.probe_from_phantom(&track, 0.0, &registration.reference_from_phantom);
     moved(&sightings.iter().filter_map(map).map(|map| map.affine()).collect::<Vec<_>>())?;
     Ok((sightings, track))
@@ -291,7 +261,7 @@ pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
 fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     let Recording { observations, size_px, .. } = recording;
     let pictures = observations.len();
-    let mut counts: Vec<usize> = observations.iter().map(|observation| observation.dots.len()).collect();
+    let mut counts: Vec<usize> = observations.iter().map(|observation| observation.seen.dots.len()).collect();
     counts.sort_unstable();
     let median = counts.get(pictures / 2).copied().unwrap_or(0);
     if median < layout.least_dots() {
@@ -302,7 +272,7 @@ fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     for units in Units::ALL {
         let Some(scaled) = layout.scaled(units.factor()) else { continue };
         let some = observations.iter().step_by(pictures.div_ceil(8).max(1));
-        if some.filter(|observation| matcher.read(&observation.dots, size_px, &scaled).is_some()).count() >= 2 {
+        if some.filter(|observation| matcher.read(&observation.seen.dots, size_px, &scaled).is_some()).count() >= 2 {
             return Refused::PhantomUnits { units };
         }
     }

@@ -14,10 +14,11 @@ use glam::{DAffine3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::{Phantom, Probe, Reference, Transform};
 
-use super::calibrate::{Calibration, Outcome, Recording};
+use super::calibrate::{Calibration, Outcome};
 use super::layout::Layout;
 use super::matching::{Mark, STEEPEST};
 use super::plane::ImagePlane;
+use super::recording::Recording;
 use super::refine::{Refined, View};
 use super::track::{Poses, Track};
 use crate::statistics::median;

@@ -36,7 +36,7 @@ pub mod refine;
 mod simulated;
 
 pub use calibrate::{Calibration, calibrate};
-pub use glimpse::{Observation, Recording, Seen};
+pub use glimpse::Seen;
 pub use motion::Axis;
 
 use glam::{DVec2, DVec3};

@@ -209,10 +209,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(within(path, "its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
-    let also =
-        seen.first_refusal.as_ref().map_or(String::new(), |why| format!(" (the first that could not be used: {why})"));
     let found = calibrate(&layout, &held, seen.recording(), second.as_ref().map(Observed::recording))
-        .map_err(|e| within(path, format!("{e}{also}")))?;
+        .map_err(|e| within(path, format!("{e}{}", seen.also())))?;
     if let Some([errors, _]) = &found.validation
         && errors.mean > *limit
     {

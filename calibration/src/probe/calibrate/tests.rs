@@ -7,7 +7,10 @@ use sonoweave_core::frames::{Probe, Tracker};
 use super::*;
 use crate::noise::Noise;
 use crate::phantom::{Geometry, Wire};
+use crate::probe::dots::Dot;
+use crate::probe::recording::Dots;
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
+use crate::probe::track::Poses;
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
 
@@ -22,8 +25,7 @@ fn observed(scan: &Scan, layout: &Layout) -> Vec<Observation> {
         Observation {
             frame: sighting.frame,
             time_s: sighting.time_s,
-            dots,
-            reading,
+            seen: Dots { dots, reading },
             poses: Some(poses[sighting.frame]),
         }
     };
@@ -49,7 +51,7 @@ fn refusal(change: impl Fn(&mut Vec<Observation>)) -> String {
 fn read_again(observations: &mut [Observation], layout: &Layout) {
     let mut matcher = Matcher::new();
     for observation in observations {
-        observation.reading = matcher.read(&observation.dots, SIZE_PX, layout);
+        observation.seen.reading = matcher.read(&observation.seen.dots, SIZE_PX, layout);
     }
 }
 
@@ -82,7 +84,8 @@ fn scan_is_validated_on_last_third_and_on_another() {
 
 #[test]
 fn images_without_wires_are_refused() {
-    let none = refusal(|all| all.iter_mut().for_each(|o| (o.dots, o.reading) = (o.dots[..3].to_vec(), None)));
+    let none =
+        refusal(|all| all.iter_mut().for_each(|o| o.seen = Dots { dots: o.seen.dots[..3].to_vec(), reading: None }));
     assert!(none.contains("no wires are seen") && none.contains("3 bright spots or fewer"), "{none}");
 }
 
@@ -109,7 +112,7 @@ fn mirrored_images_are_refused() {
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mirrored = refusal(|all| {
         let flip = |dot: &mut Dot| dot.at_px.x = 819.0 - dot.at_px.x;
-        all.iter_mut().for_each(|o| o.dots.iter_mut().for_each(flip));
+        all.iter_mut().for_each(|o| o.seen.dots.iter_mut().for_each(flip));
         read_again(all, &scan.layout);
     });
     assert!(mirrored.contains("the pictures are mirrored"), "{mirrored}");
@@ -123,9 +126,9 @@ fn invalid_poses_few_images_and_one_pose_are_refused() {
     assert!(few.contains("3 pictures with recognised wires") && few.contains("10 are the least"), "{few}");
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let still = refusal(|all| {
-        let (dots, poses) = (all[5].dots.clone(), all[5].poses);
+        let (dots, poses) = (all[5].seen.dots.clone(), all[5].poses);
         for observation in all.iter_mut() {
-            observation.dots.clone_from(&dots);
+            observation.seen.dots.clone_from(&dots);
             observation.poses = poses.map(|poses| Poses { time_s: observation.time_s, ..poses });
         }
         read_again(all, &scan.layout);
@@ -207,7 +210,7 @@ fn dots_taken_for_another_layer_are_read_again() {
     let mut badly = well.clone();
     // Every third image, all by the same layer: they agree with each other.
     for observation in badly.iter_mut().step_by(3) {
-        let Some(reading) = &mut observation.reading else { continue };
+        let Some(reading) = &mut observation.seen.reading else { continue };
         reading.best.marks.retain(|mark| mark.wire < 6);
         reading.best.marks.iter_mut().for_each(|mark| mark.wire += 3);
     }

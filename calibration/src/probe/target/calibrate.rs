@@ -2,12 +2,13 @@
 
 use glam::{DAffine3, DMat3, DVec2};
 
-use super::glimpse::{Glimpse, Observation, Recording, Seen};
+use super::glimpse::{Glimpse, Seen};
 use super::refine::{Refined, refine};
 use super::{Place, Target, held, motion, planes, points};
 use crate::least_squares::Direction;
 use crate::probe::calibrate::{LEAST_PICTURES, Outcome, lattice, moved};
 use crate::probe::errors::Errors;
+use crate::probe::recording::{Observation, Recording};
 use crate::probe::refused::{Refused, Units};
 use crate::probe::track::Track;
 
@@ -59,8 +60,8 @@ pub struct Calibration {
 /// [`Refused`] gives the reason and advice.
 pub fn calibrate(
     target: Target,
-    recording: Recording<'_>,
-    validation: Option<Recording<'_>>,
+    recording: Recording<'_, Seen>,
+    validation: Option<Recording<'_, Seen>>,
 ) -> Result<Calibration, Refused> {
     let (mut glimpses, track) = observed(target, recording)?;
     let refined = fit(target, &mut glimpses, &track, recording)?;
@@ -86,7 +87,7 @@ pub fn calibrate(
 }
 
 /// Returns the images that show the target and have poses, if the probe moved.
-fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, Track), Refused> {
+fn observed(target: Target, recording: Recording<'_, Seen>) -> Result<(Vec<Glimpse>, Track), Refused> {
     let pictures = recording.observations.len();
     if recording.observations.iter().all(|observation| observation.poses.is_none()) {
         return Err(Refused::NoPoses { pictures });
@@ -103,7 +104,12 @@ fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, T
 }
 
 /// Fits the plane and the target to the glimpses, each of which selects its spot of the target.
-fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recording<'_>) -> Result<Refined, Refused> {
+fn fit(
+    target: Target,
+    glimpses: &mut [Glimpse],
+    track: &Track,
+    recording: Recording<'_, Seen>,
+) -> Result<Refined, Refused> {
     let Recording { size_px, timed, .. } = recording;
     let map = |glimpse: &Glimpse| glimpse.reference_from_probe(track, 0.0);
     let turns: Vec<DMat3> = glimpses.iter().filter_map(map).map(|map| map.matrix3).collect();
@@ -143,9 +149,9 @@ fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recor
 }
 
 /// Returns the outcomes of all images.
-fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
+fn pictures(recording: Recording<'_, Seen>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
     let mut of_glimpses = glimpses.iter().zip(&refined.used).peekable();
-    let picture = |observation: &Observation| {
+    let picture = |observation: &Observation<Seen>| {
         let frame = observation.frame;
         let Some((glimpse, used)) = of_glimpses.next_if(|(glimpse, _)| glimpse.frame == frame) else {
             let posed = observation.poses.is_some() || observation.seen == Seen::Nothing;

@@ -74,8 +74,8 @@ impl Guide for Scanned<'_> {
             return;
         };
         let looked = shown_now(&picture, &timed).and_then(|shown| {
-            let (dots, reading) = self.looker.look(shown.size, &shown.view()?)?;
-            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), dots, reading, poses: None })
+            let seen = self.looker.look(shown.size, &shown.view()?)?;
+            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses: None })
         });
         match looked {
             Ok(seen) => self.seen.push(seen),

@@ -12,16 +12,17 @@ use clap::Args;
 use glam::DVec2;
 
 use calibration::file::preset::Quality;
-use calibration::probe::target::{Calibration, Observation, Recording, Target, calibrate};
+use calibration::probe::target::{Calibration, Seen, Target, calibrate};
+use calibration::probe::{Observation, Recording};
 
 use super::super::super::{Failure, values};
 use super::super::outputs::{Input, print};
 use super::super::tip::tip;
 use super::again::again;
 use super::lag::Lag;
-use super::recording::pictures;
+use super::recording::{Observed, pictures};
 use super::{Arguments, Made, Method};
-use look::{Looked, Names, look};
+use look::{Names, look};
 use report::{Inputs, Report, text};
 
 /// Flags of the methods that need no phantom file.
@@ -83,13 +84,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let seen = look(&recorded, names, *clip, is_plane)?;
+    let (seen, reference) = look(&recorded, names, *clip, is_plane)?;
     let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
+    let second = second.map(|(second, _)| second);
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
-    let found = calibrate(target, seen.recording(), second.as_ref().map(Looked::recording))
+    let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording))
         .map_err(|e| within(format!("{e}{}", seen.also())))?;
     if let Some(errors) = &found.validation
         && errors.mean > *limit
@@ -121,17 +123,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         inputs: inputs.all().map(Input::listed).collect(),
     };
     let preset = arguments.preset(made);
-    let text = text(&found, *method, &seen.reference);
-    let without = |observations: &[Observation]| {
+    let text = text(&found, *method, &reference);
+    let without = |observations: &[Observation<Seen>]| {
         let recording = Recording { observations, ..seen.recording() };
         Some(calibrate(target, recording, None).ok()?.refined.plane)
     };
     let again = outputs
         .wants_report()
         .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
-    let report = Report::new(&found, inputs, *method, seen.reference.clone(), *limit)
-        .took(looked_s, solved_s)
-        .again(again.flatten());
+    let report =
+        Report::new(&found, inputs, *method, reference, *limit).took(looked_s, solved_s).again(again.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);

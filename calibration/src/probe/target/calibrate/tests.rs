@@ -16,7 +16,7 @@ fn apart(found: &Calibration, scan: &Scan) -> f64 {
     places().map(off).into_iter().fold(0.0, f64::max)
 }
 
-fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation)) -> Refused {
+fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation<Seen>)) -> Refused {
     let motion = Motion { tilt: DVec3::from_array(tilt), ..GOOD };
     let mut scan = Scan::new(target, 60, motion, USUAL, &mut Noise::new(30));
     scan.observations.iter_mut().for_each(change);
@@ -79,7 +79,7 @@ fn insufficient_motion_is_refused_with_missing_axes() {
 #[test]
 fn insufficient_recordings_are_refused_with_advice() {
     for target in [Target::Point, TIP, Target::Plane] {
-        let said = |change: &dyn Fn(&mut Observation)| refused(target, [0.5; 3], change).to_string();
+        let said = |change: &dyn Fn(&mut Observation<Seen>)| refused(target, [0.5; 3], change).to_string();
         assert!(said(&|o| o.poses = None).contains("of 60 pictures none has valid poses"));
         let unseen = said(&|o| {
             if o.frame % 8 > 0 {

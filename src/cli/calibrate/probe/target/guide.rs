@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use calibration::latency::line::{Finder, Still};
 use calibration::picture::GreyView;
-use calibration::probe::DotFinder;
-use calibration::probe::target::{Observation, Recording, Seen, Target, calibrate};
+use calibration::probe::target::{Seen, Target, calibrate};
+use calibration::probe::{DotFinder, Observation, Recording};
 use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
 use mask::MaskSettings;
 use sonoweave_core::region::ClipRect;
@@ -69,7 +69,7 @@ struct Scanned<'a> {
     region: Option<Region>,
     tracks: Tracks,
     /// Their poses are added later.
-    seen: Vec<Observation>,
+    seen: Vec<Observation<Seen>>,
     trouble: Option<String>,
 }
 
@@ -144,7 +144,7 @@ impl Guide for Scanned<'_> {
             Err(why) => return Advice::missing(why),
         };
         let some = self.seen.iter().step_by(self.seen.len().div_ceil(MOST_PICTURES).max(1));
-        let observations: Vec<Observation> =
+        let observations: Vec<Observation<Seen>> =
             some.map(|seen| Observation { poses: track.at(seen.time_s), ..seen.clone() }).collect();
         let recording =
             Recording { observations: &observations, track: Some(&track), size_px: region.size, timed: true };
