@@ -13,8 +13,7 @@
 //! - `unknown`: the plane as parameters.
 //! - [`errors`]: errors by PLUS's definition and by ours, on images that the fit did not use.
 //! - [`next`]: the view to take next.
-//! - [`calibrate`](mod@calibrate), [`refused`]: the whole procedure, or the reason for a
-//!   refusal.
+//! - [`calibrate`](mod@calibrate): the whole procedure, or the reason for a refusal.
 
 pub mod calibrate;
 pub mod dots;
@@ -26,7 +25,6 @@ pub mod next;
 pub mod plane;
 pub mod recording;
 pub mod refine;
-pub mod refused;
 mod reread;
 pub mod scatter;
 pub mod sighting;
@@ -42,4 +40,3 @@ pub use layout::Layout;
 pub use matching::Matcher;
 pub use next::{NextView, next_view};
 pub use recording::{Dots, Observation, Recording};
-pub use refused::Refused;

@@ -26,7 +26,7 @@ use sync::survey::SurveyError;
 use volume::dense::UNSEEN_FIELD;
 use volume::{DenseVolume, Values};
 
-use super::reconstruct::outputs::advised;
+use super::reconstruct::filling::advised;
 use super::{Failure, input, values};
 use flags::DicomFlags;
 

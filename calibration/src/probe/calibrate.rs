@@ -11,10 +11,10 @@ use super::matching::{Match, Matcher, Reading};
 use super::plane::ImagePlane;
 use super::recording::{Observation, Recording};
 use super::refine::{Refined, Sought, refine};
-use super::refused::{Refused, Units};
 use super::reread::reread;
 use super::sighting::Sighting;
 use super::track::Track;
+use crate::error::{CalibrationError, ProbeError, Units};
 use crate::phantom::file::Registration;
 
 /// Minimum number of images with recognised dots and poses. PLUS requires as many.
@@ -100,13 +100,13 @@ pub struct Calibration {
 /// Calibrates a probe.
 ///
 /// # Errors
-/// [`Refused`] gives the reason and advice.
+/// [`ProbeError`] gives the reason and advice.
 pub fn calibrate(
     layout: &Layout,
     registration: &Registration,
     recording: Recording<'_>,
     validation: Option<Recording<'_>>,
-) -> Result<Calibration, Refused> {
+) -> Result<Calibration, CalibrationError> {
     let (sightings, track) = sight(layout, registration, recording, Side::Right)?;
     let (first, begun) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
         // For a single row of dots only the poses tell the side from which it is seen.
@@ -115,7 +115,7 @@ pub fn calibrate(
             fit(layout, registration, &sightings, &track, recording).ok().map(|_| sightings.len())
         };
         let mirrored = if layout.is_flat() { other().ok().and_then(fits) } else { None };
-        mirrored.map_or(refused, |pictures| Refused::Mirrored { pictures })
+        mirrored.map_or(refused, |pictures| ProbeError::Mirrored { pictures })
     })?;
     let (sightings, misread) = reread(layout, &first, &track, recording.observations, &sightings);
     let (refined, begun) =
@@ -129,7 +129,8 @@ pub fn calibrate(
     };
     let own = evidence(&refined);
     let used: Vec<Sighting> = part(&sightings, &refined);
-    let errors = both(Evidence { sightings: &used, ..own }, &refined.plane).ok_or(Refused::TooFew { pictures: 0 })?;
+    let errors =
+        both(Evidence { sightings: &used, ..own }, &refined.plane).ok_or(ProbeError::TooFew { pictures: 0 })?;
 
     let (mut held, mut as_given, mut split) = (None, None, false);
     if let Some(validation) = validation {
@@ -192,12 +193,12 @@ fn sight(
     registration: &Registration,
     recording: Recording<'_>,
     side: Side,
-) -> Result<(Vec<Sighting>, Track), Refused> {
+) -> Result<(Vec<Sighting>, Track), ProbeError> {
     let observations = recording.observations;
     let total = observations.len();
     let posed = observations.iter().filter(|observation| observation.poses.is_some()).count();
     if posed == 0 {
-        return Err(Refused::NoPoses { pictures: total });
+        return Err(ProbeError::NoPoses { pictures: total });
     }
     let read = observations.iter().filter_map(|observation| observation.seen.reading.as_ref());
     let (mut right, mut left) = (0_usize, 0_usize);
@@ -215,7 +216,7 @@ fn sight(
         return Err(unread(layout, recording));
     }
     if left > right {
-        return Err(Refused::Mirrored { pictures: left });
+        return Err(ProbeError::Mirrored { pictures: left });
     }
     let from_that_side = |reading: &Reading| -> Option<Match> {
         [Some(&reading.best), reading.mirrored.as_ref()]
@@ -234,7 +235,7 @@ fn sight(
         return Err(unread(layout, recording));
     }
     if sightings.len() < LEAST_PICTURES {
-        return Err(Refused::TooFew { pictures: sightings.len() });
+        return Err(ProbeError::TooFew { pictures: sightings.len() });
     }
     let track = recording.poses();
     let map = |s: &Sighting| s.probe_from_phantom(&track, 0.0, &registration.reference_from_phantom);
@@ -243,7 +244,7 @@ fn sight(
 }
 
 /// Checks that the probe moved, from maps between its frame and a static one.
-pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
+pub(super) fn moved(maps: &[DAffine3]) -> Result<(), ProbeError> {
     let Some(first) = maps.first() else { return Ok(()) };
     let (mut way, mut turn) = (0.0_f64, 0.0_f64);
     for map in maps {
@@ -252,20 +253,20 @@ pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
         turn = turn.max(between.to_scaled_axis().length());
     }
     if way < LEAST_WAY_MM && turn < LEAST_TURN_RAD {
-        return Err(Refused::Still { way_mm: way, turn_deg: turn.to_degrees() });
+        return Err(ProbeError::Still { way_mm: way, turn_deg: turn.to_degrees() });
     }
     Ok(())
 }
 
 /// Returns the reason why no image's dots match the phantom.
-fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
+fn unread(layout: &Layout, recording: Recording<'_>) -> ProbeError {
     let Recording { observations, size_px, .. } = recording;
     let pictures = observations.len();
     let mut counts: Vec<usize> = observations.iter().map(|observation| observation.seen.dots.len()).collect();
     counts.sort_unstable();
     let median = counts.get(pictures / 2).copied().unwrap_or(0);
     if median < layout.least_dots() {
-        return Refused::NoWires { pictures, dots: median, least: layout.least_dots() };
+        return ProbeError::NoWires { pictures, dots: median, least: layout.least_dots() };
     }
     // Tries the same pattern in other units.
     let mut matcher = Matcher::new();
@@ -273,10 +274,10 @@ fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
         let Some(scaled) = layout.scaled(units.factor()) else { continue };
         let some = observations.iter().step_by(pictures.div_ceil(8).max(1));
         if some.filter(|observation| matcher.read(&observation.seen.dots, size_px, &scaled).is_some()).count() >= 2 {
-            return Refused::PhantomUnits { units };
+            return ProbeError::PhantomUnits { units };
         }
     }
-    Refused::OtherPhantom { pictures, dots: median, phantom: layout.geometry().name().to_owned() }
+    ProbeError::OtherPhantom { pictures, dots: median, phantom: layout.geometry().name().to_owned() }
 }
 
 /// Fits the plane to the sightings.
@@ -286,32 +287,32 @@ fn fit(
     sightings: &[Sighting],
     track: &Track,
     recording: Recording<'_>,
-) -> Result<(Refined, Start), Refused> {
+) -> Result<(Refined, Start), ProbeError> {
     let begin = |track: &Track, reference_from_phantom: &Transform<Reference, Phantom>| {
         start(layout, sightings, |s| s.probe_from_phantom(track, 0.0, reference_from_phantom), recording.size_px)
     };
     let given = &registration.reference_from_phantom;
-    let begun = begin(track, given).ok_or(Refused::Open)?;
+    let begun = begin(track, given).ok_or(ProbeError::Open)?;
     if begun.spread_mm > WORST_SPREAD_MM {
         let better = |spread: f64| spread < WORST_SPREAD_MM && spread * CLEARLY < begun.spread_mm;
         for units in Units::ALL {
             let poses = track.scaled(units.factor());
             if begin(&poses, given).is_some_and(|start| better(start.spread_mm)) {
-                return Err(Refused::PoseUnits { units });
+                return Err(ProbeError::PoseUnits { units });
             }
             let mut affine = given.affine();
             affine.translation *= units.factor();
             if begin(track, &Transform::from_affine(affine)).is_some_and(|start| better(start.spread_mm)) {
-                return Err(Refused::RegistrationUnits { units });
+                return Err(ProbeError::RegistrationUnits { units });
             }
         }
-        return Err(Refused::Contradictory { mm: begun.spread_mm });
+        return Err(ProbeError::Contradictory { mm: begun.spread_mm });
     }
     let sought = Sought { skew: false, registration: true, lag: recording.timed };
     let refined = refine(layout, sightings, track, registration, &begun, sought)?;
     let used = refined.pictures.iter().filter(|(_, components)| *components > 0).count();
     if used < LEAST_PICTURES {
-        return Err(Refused::TooFew { pictures: used });
+        return Err(ProbeError::TooFew { pictures: used });
     }
     Ok((refined, begun))
 }

@@ -37,7 +37,6 @@ mod simulated;
 
 pub use calibrate::{Calibration, calibrate};
 pub use glimpse::Seen;
-pub use motion::Axis;
 
 use glam::{DVec2, DVec3};
 

@@ -2,13 +2,13 @@
 
 use clap::{Args, ValueEnum};
 
+use export::ExportError;
 use export::fill::{FillMethod, Filled, Filling};
 use export::volume::DenseBox;
 use reconstruct::Settings;
 use volume::Voxels;
 use volume::dense::{FILL_FIELD, FILLED_FIELD};
 
-use super::outputs::advised;
 use crate::cli::Failure;
 
 /// Default filling radius, mm: three voxels of the default spacing.
@@ -72,6 +72,19 @@ impl FillFlags {
         let filled = filling.fill(volume, space, settings.threads, settings.memory_bytes);
         Ok(Some(filled.map_err(advised)?))
     }
+}
+
+/// Adds the flags that help to the error of a volume's export.
+pub(in crate::cli) fn advised(error: ExportError) -> Failure {
+    let flags = match error {
+        ExportError::VolumeTooLarge { .. } | ExportError::DicomTooLarge { .. } | ExportError::DicomTooLong { .. } => {
+            "--origin and --size, or --spacing"
+        }
+        ExportError::Memory { .. } => "--fill-radius, --size or --max-memory",
+        ExportError::FloatingPoint => "--type u8 or u16, and --window LO,HI",
+        _ => return error.into(),
+    };
+    Failure(format!("{error}: {flags}"))
 }
 
 /// Returns the header fields of a filled volume.

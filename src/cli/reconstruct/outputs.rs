@@ -6,7 +6,6 @@ use std::time::Instant;
 use serde::Serialize;
 
 use config::Settings as Config;
-use export::ExportError;
 use export::dicom::volume::VolumeImage;
 use export::fill::{FILLED, Filled};
 use export::planes::{PlanesOptions, Shown, Window, planes};
@@ -19,7 +18,7 @@ use volume::Voxels;
 use volume::brick_volume::SEEN;
 
 use super::beside::Beside;
-use super::filling;
+use super::filling::{self, advised};
 use super::flags::Flags;
 use crate::cli::dicom::flags::is_dicom;
 use crate::cli::provenance::Made;
@@ -204,19 +203,6 @@ impl<'a> Request<'a> {
             println!("middle planes: {}", path.display());
         }
     }
-}
-
-/// Adds the flags that help to the error of a volume's export.
-pub(in crate::cli) fn advised(error: ExportError) -> Failure {
-    let flags = match error {
-        ExportError::VolumeTooLarge { .. } | ExportError::DicomTooLarge { .. } | ExportError::DicomTooLong { .. } => {
-            "--origin and --size, or --spacing"
-        }
-        ExportError::Memory { .. } => "--fill-radius, --size or --max-memory",
-        ExportError::FloatingPoint => "--type u8 or u16, and --window LO,HI",
-        _ => return error.into(),
-    };
-    Failure(format!("{error}: {flags}"))
 }
 
 fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failure> {

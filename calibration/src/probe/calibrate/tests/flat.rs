@@ -1,6 +1,7 @@
 //! Phantoms that no single image determines: one N, N's in one plane, N's turned to each other.
 
 use super::*;
+use crate::error::ProbeError;
 use crate::phantom::tests::three_ns;
 use crate::probe::simulated::{Hand, places};
 
@@ -108,5 +109,8 @@ fn mirrored_row_of_dots_is_found_by_poses() {
     }
     read_again(&mut observations, &scan.layout);
     let refused = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap_err();
-    assert!(matches!(refused, Refused::Mirrored { pictures } if pictures > 60), "{refused}");
+    assert!(
+        matches!(refused, CalibrationError::Probe(ProbeError::Mirrored { pictures }) if pictures > 60),
+        "{refused}"
+    );
 }
