@@ -34,8 +34,8 @@ pub enum LatencyError {
     },
     /// The line is static.
     #[error(
-        "the floor's line moves by {extent_px:.1} px, but scatters by {scatter_px:.1} px; move the probe up and down by \
-        a third of the image"
+        "the floor's line moves by {extent_px:.1} px, but scatters by {scatter_px:.1} px; move the probe up and down \
+        by a third of the image"
     )]
     PictureStill {
         /// Extent of its motion, px.
@@ -78,7 +78,10 @@ pub enum LatencyError {
     #[error(
         "the tracker's motion gives {mm_per_px:.4} mm a pixel, but {}; check that the tracker's positions are in \
         mm{hint}",
-        match .pixel_mm { Some(mm) => format!("the calibration has {mm:.4} mm"), None => "0.01 to 2 mm are possible".to_owned() }
+        match .pixel_mm {
+            Some(mm) => format!("the calibration has {mm:.4} mm"),
+            None => "0.01 to 2 mm are possible".to_owned(),
+        }
     )]
     Units {
         /// Pixel size by the tracker, mm.
@@ -121,8 +124,8 @@ pub enum LatencyError {
     },
     /// Two lags fit equally well.
     #[error(
-        "lags of {:.1} ms and {:.1} ms fit equally well (residuals {:.3} and {:.3}), because the motion is too regular; \
-        move unevenly, or narrow the range of lags",
+        "lags of {:.1} ms and {:.1} ms fit equally well (residuals {:.3} and {:.3}), because the motion is too \
+        regular; move unevenly, or narrow the range of lags",
         1e3 * lags_s[0], 1e3 * lags_s[1], residuals[0], residuals[1]
     )]
     Ambiguous {
@@ -162,8 +165,8 @@ pub enum LatencyError {
     },
     /// The crossing slices were acquired at the same motion.
     #[error(
-        "the probe moved by {mm:.2} mm within ±{:.0} ms between crossing slices, but {least_mm:.2} mm are needed; sweep \
-        faster, or in other directions",
+        "the probe moved by {mm:.2} mm within ±{:.0} ms between crossing slices, but {least_mm:.2} mm are needed; \
+        sweep faster, or in other directions",
         1e3 * range_s
     )]
     TooSlow {

@@ -33,8 +33,8 @@ pub enum PresetError {
     },
     /// The depth or zoom differs.
     #[error(
-        "the preset \"{name}\" is for a ruler of {expected:.4} mm a pixel, but the scanner's has {found:.4}; choose the \
-        preset of this depth, or restore depth and zoom"
+        "the preset \"{name}\" is for a ruler of {expected:.4} mm a pixel, but the scanner's has {found:.4}; choose \
+        the preset of this depth, or restore depth and zoom"
     )]
     Ruler {
         /// Name of the preset.

@@ -98,8 +98,8 @@ pub enum ProbeError {
     },
     /// The images are too dark, or nothing is in the water.
     #[error(
-        "no wires are visible: half of the {pictures} frames have {dots} bright spots or fewer, but {least} are needed; \
-        bring the phantom into the image, and raise the gain"
+        "no wires are visible: half of the {pictures} frames have {dots} bright spots or fewer, but {least} are \
+        needed; bring the phantom into the image, and raise the gain"
     )]
     NoWires {
         /// Number of images.
@@ -133,8 +133,8 @@ pub enum ProbeError {
     },
     /// Too few images.
     #[error(
-        "{pictures} frames with recognised wires and valid poses are too few; record at least 10, better a hundred from \
-        different directions"
+        "{pictures} frames with recognised wires and valid poses are too few; record at least 10, better a hundred \
+        from different directions"
     )]
     TooFew {
         /// Number of images.

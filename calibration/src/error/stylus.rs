@@ -59,8 +59,8 @@ pub enum PivotError {
     },
     /// Most poses do not agree on one place.
     #[error(
-        "{outliers} of {poses} poses contradict the others{}: the tip slipped, or the tracker jumped; keep the tip in a \
-        divot, and metal away",
+        "{outliers} of {poses} poses contradict the others{}: the tip slipped, or the tracker jumped; keep the tip in \
+        a divot, and metal away",
         within(.runs)
     )]
     Unsteady {
@@ -81,8 +81,8 @@ pub enum PivotError {
     },
     /// The residuals exceed the limit.
     #[error(
-        "the tip strays by {rms_mm:.2} mm (root mean square), more than the limit of {limit_mm} mm; keep the tip in its \
-        place, metal away, and the stylus within the tracker's range"
+        "the tip strays by {rms_mm:.2} mm (root mean square), more than the limit of {limit_mm} mm; keep the tip in \
+        its place, metal away, and the stylus within the tracker's range"
     )]
     Stray {
         /// The residuals, root mean square, mm.
@@ -182,8 +182,8 @@ pub enum LandmarksError {
     Symmetric,
     /// The residuals exceed the limit.
     #[error(
-        "the landmarks are {rms_mm:.2} mm off the tip's rests (root mean square), more than the limit of {limit_mm} mm; \
-        check that the stylus tip and the phantom's file are the right ones"
+        "the landmarks are {rms_mm:.2} mm off the tip's rests (root mean square), more than the limit of {limit_mm} \
+        mm; check that the stylus tip and the phantom's file are the right ones"
     )]
     Limit {
         /// The residuals, root mean square, mm.
