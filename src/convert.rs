@@ -49,7 +49,7 @@ pub enum ConvertError {
     File(#[from] formats::Error),
     /// An error of an image file.
     #[error(transparent)]
-    Picture(#[from] export::picture::PictureError),
+    Picture(#[from] export::ExportError),
     /// The request does not fit the input.
     #[error("{path}: {why}", path = path.display())]
     Unfit {

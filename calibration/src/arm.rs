@@ -33,6 +33,8 @@ use serde::Serialize;
 
 use sonoweave_core::frames::{Probe, Tracker, Transform};
 
+use crate::error::{ArmError, CalibrationError};
+
 pub mod accuracy;
 pub mod check;
 pub mod fit;
@@ -45,8 +47,8 @@ pub mod rest;
 mod tests;
 
 pub use accuracy::{Derivatives, Displacement};
-pub use inverse::{Elbow, Unreachable};
-pub use pose::{NotPlanar, PlanarPose};
+pub use inverse::Elbow;
+pub use pose::PlanarPose;
 
 /// Number of joints of an arm.
 pub const JOINTS: usize = 3;
@@ -162,37 +164,6 @@ pub struct Arm {
     joints: [Joint; JOINTS],
 }
 
-/// Reasons why numbers do not describe an arm.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BadArm {
-    /// A number is NaN or infinite.
-    #[error("joint {joint} of 3: its {what} is not a finite number")]
-    NotFinite {
-        /// Number of the joint, from 1.
-        joint: usize,
-        /// Name of the parameter.
-        what: &'static str,
-    },
-    /// The number of counts per unit is 0 or negative.
-    #[error(
-        "joint {joint} of 3: {counts} counts a turn or a mm; give a number above 0, and sign = -1 for one that counts the other way"
-    )]
-    Counts {
-        /// Number of the joint, from 1.
-        joint: usize,
-        /// The given number.
-        counts: f64,
-    },
-    /// A revolute joint's link has a negative length.
-    #[error("joint {joint} of 3: a link of {mm} mm; give its length, and turn it by the joint's zero")]
-    Length {
-        /// Number of the joint, from 1.
-        joint: usize,
-        /// The given length.
-        mm: f64,
-    },
-}
-
 /// A link at given joint values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Link {
@@ -208,8 +179,8 @@ impl Arm {
     /// Returns an arm of three joints, base first.
     ///
     /// # Errors
-    /// [`BadArm`] names the joint and the invalid number.
-    pub fn new(joints: [Joint; JOINTS]) -> Result<Self, BadArm> {
+    /// [`ArmError`] names the joint and the invalid number.
+    pub fn new(joints: [Joint; JOINTS]) -> Result<Self, CalibrationError> {
         for (joint, number) in joints.iter().zip(1..) {
             let direction = match joint.kind {
                 Kind::Revolute => 0.0,
@@ -222,13 +193,13 @@ impl Arm {
                 (direction, "direction"),
             ];
             if let Some((_, what)) = numbers.into_iter().find(|(x, _)| !x.is_finite()) {
-                return Err(BadArm::NotFinite { joint: number, what });
+                return Err(ArmError::NotFinite { joint: number, what }.into());
             }
             if joint.counts_per_unit <= 0.0 {
-                return Err(BadArm::Counts { joint: number, counts: joint.counts_per_unit });
+                return Err(ArmError::Counts { joint: number, counts: joint.counts_per_unit }.into());
             }
             if joint.kind == Kind::Revolute && joint.length_mm < 0.0 {
-                return Err(BadArm::Length { joint: number, mm: joint.length_mm });
+                return Err(ArmError::Length { joint: number, mm: joint.length_mm }.into());
             }
         }
         Ok(Self { joints })

@@ -72,6 +72,7 @@ use std::path::Path;
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use crate::arm::Arm;
+use crate::error::PresetError;
 use crate::tracker::zones::Zones;
 use preset::Preset;
 pub use sonoweave_core::keys::FileError;
@@ -210,18 +211,18 @@ impl CalibrationFile {
     /// the selected preset, if any.
     ///
     /// # Errors
-    /// [`NoPreset`] if none has that name, or if there are several and no name.
-    pub fn choose(&mut self, name: Option<&str>) -> Result<Option<Preset>, NoPreset> {
+    /// [`PresetError`] if none has that name, or if there are several and no name.
+    pub fn choose(&mut self, name: Option<&str>) -> Result<Option<Preset>, PresetError> {
         let known = || self.presets.iter().map(|preset| preset.name.clone()).collect();
         let chosen = match (name, &self.presets[..]) {
             (Some(name), presets) => match presets.iter().find(|preset| preset.name == name) {
                 Some(preset) => preset.clone(),
-                None => return Err(NoPreset::Unknown { name: name.to_owned(), known: known() }),
+                None => return Err(PresetError::Unknown { name: name.to_owned(), known: known() }),
             },
             (None, _) if self.probe_from_image.is_some() => return Ok(None),
             (None, []) => return Ok(None),
             (None, [only]) => only.clone(),
-            (None, _) => return Err(NoPreset::Unnamed { known: known() }),
+            (None, _) => return Err(PresetError::Unnamed { known: known() }),
         };
         self.probe_from_image = Some(chosen.probe_from_image);
         self.clip = chosen.clip.or(self.clip);
@@ -302,32 +303,6 @@ impl CalibrationFile {
     pub fn named_transforms(&self) -> Vec<StaticTransform> {
         let calibration = self.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
         calibration.into_iter().chain(self.transforms.iter().cloned()).collect()
-    }
-}
-
-/// Reasons why no preset is selected.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NoPreset {
-    /// There is none of that name.
-    #[error("there is no preset \"{name}\"; {}", listed(known))]
-    Unknown {
-        /// The requested name.
-        name: String,
-        /// The existing names.
-        known: Vec<String>,
-    },
-    /// There are several, and no name was given.
-    #[error("has several presets, and one must be chosen by its name (preset): {}", listed(known))]
-    Unnamed {
-        /// The existing names.
-        known: Vec<String>,
-    },
-}
-
-fn listed(known: &[String]) -> String {
-    match known {
-        [] => "the file has none".into(),
-        _ => format!("there are {}", known.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")),
     }
 }
 

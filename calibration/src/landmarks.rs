@@ -11,19 +11,18 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use sonoweave_core::frames::{Phantom, Reference, Stylus, Transform};
 
+use crate::error::{CalibrationError, LandmarksError};
 use crate::least_squares::{
     Blocks, Parameters, Rotation, Settings as Solver, Side, State, Vector, Whitening, rows, solve, turned,
 };
 use crate::phantom::Landmark;
 use crate::statistics::Spread;
 
-mod error;
 mod matching;
 #[cfg(test)]
 mod tests;
 
 pub use crate::rest::Rest;
-pub use error::LandmarksError;
 use matching::{Found, MOST_RESTS, search};
 
 /// One reading of the stylus.
@@ -125,7 +124,7 @@ pub fn register(
     tip_mm: DVec3,
     landmarks: &[Landmark],
     settings: &Settings,
-) -> Result<Registered, LandmarksError> {
+) -> Result<Registered, CalibrationError> {
     let places: Vec<DVec3> = landmarks.iter().map(|landmark| landmark.position_mm).collect();
     check_landmarks(&places)?;
     let touch = Touch::of(readings, tip_mm, 1.0, spacing(&places), settings)?;
@@ -137,11 +136,11 @@ pub fn register(
     let mirrored = count(&touch.search(&mirrored));
     let wanted = least(places.len());
     if mirrored >= wanted && mirrored > matched {
-        return Err(LandmarksError::Mirrored { matched: mirrored, landmarks: places.len() });
+        return Err(LandmarksError::Mirrored { matched: mirrored, landmarks: places.len() }.into());
     }
     if matched < wanted {
         if let Some(error) = in_other_units(readings, tip_mm, &places, settings) {
-            return Err(error);
+            return Err(error.into());
         }
         return Err(LandmarksError::NoMatch {
             rests: touch.rests.len(),
@@ -149,13 +148,14 @@ pub fn register(
             landmarks: places.len(),
             wanted,
             radius_mm: touch.radius_mm,
-        });
+        }
+        .into());
     }
     match found {
-        Some(found) if found.tied => Err(LandmarksError::Symmetric),
-        Some(found) => touch.refined(&found, &places, settings),
+        Some(found) if found.tied => Err(LandmarksError::Symmetric.into()),
+        Some(found) => Ok(touch.refined(&found, &places, settings)?),
         // Fewer landmarks than required.
-        None => Err(LandmarksError::TooFew { landmarks: places.len() }),
+        None => Err(LandmarksError::TooFew { landmarks: places.len() }.into()),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Geometry, calibration and least squares. Independent of devices and volumes.
 //!
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
+//! - [`error`]: errors by kind.
 //! - [`landmarks`]: registration of a phantom by landmarks that a stylus touched.
 //! - [`least_squares`](mod@least_squares): parameters that explain measurements best, their
 //!   covariance, and undetermined parameters.
@@ -14,6 +15,7 @@
 //! - [`latency`]: latency of the tracker against the video.
 
 pub mod arm;
+pub mod error;
 pub mod file;
 pub mod landmarks;
 pub mod latency;

@@ -13,6 +13,8 @@
 
 use glam::DVec3;
 
+use crate::error::{CalibrationError, GeometryError};
+
 pub mod file;
 pub mod nwire;
 pub mod plates;
@@ -86,36 +88,36 @@ impl Geometry {
     /// to left; see [`Self::wires`].
     ///
     /// # Errors
-    /// [`BadPhantom`]: an empty phantom, a duplicate name, a number that is not finite, a wire
+    /// [`GeometryError`]: an empty phantom, a duplicate name, a number that is not finite, a wire
     /// without length, or an implausible size.
     pub fn new(
         name: impl Into<String>,
         patterns: Vec<Vec<Wire>>,
         landmarks: Vec<Landmark>,
-    ) -> Result<Self, BadPhantom> {
+    ) -> Result<Self, CalibrationError> {
         let starts = patterns.iter().scan(0, |at, pattern| Some(std::mem::replace(at, *at + pattern.len()))).collect();
         let geometry = Self { name: name.into(), wires: patterns.into_iter().flatten().collect(), starts, landmarks };
         geometry.check()?;
         Ok(geometry)
     }
 
-    fn check(&self) -> Result<(), BadPhantom> {
+    fn check(&self) -> Result<(), GeometryError> {
         let mut names: Vec<_> = self.wires.iter().map(|wire| ("wires", &wire.name)).collect();
         names.extend(self.landmarks.iter().map(|landmark| ("landmarks", &landmark.name)));
         names.sort_unstable();
         if let Some(two) = names.windows(2).find(|two| two[0] == two[1]) {
-            return Err(BadPhantom::Twice { what: two[0].0, name: two[0].1.clone() });
+            return Err(GeometryError::Twice { what: two[0].0, name: two[0].1.clone() });
         }
         for wire in &self.wires {
             if wire.ends_mm.iter().any(|end| !end.is_finite()) {
-                return Err(BadPhantom::NotFinite { name: wire.name.clone() });
+                return Err(GeometryError::NotFinite { name: wire.name.clone() });
             }
             if wire.length_mm() < SHORTEST_WIRE_MM {
-                return Err(BadPhantom::Short { name: wire.name.clone(), mm: wire.length_mm() });
+                return Err(GeometryError::Short { name: wire.name.clone(), mm: wire.length_mm() });
             }
         }
         if let Some(landmark) = self.landmarks.iter().find(|landmark| !landmark.position_mm.is_finite()) {
-            return Err(BadPhantom::NotFinite { name: landmark.name.clone() });
+            return Err(GeometryError::NotFinite { name: landmark.name.clone() });
         }
         let points = self.wires.iter().flat_map(|wire| wire.ends_mm);
         let points = points.chain(self.landmarks.iter().map(|landmark| landmark.position_mm));
@@ -124,10 +126,10 @@ impl Geometry {
             let (low, high) = bounds.unwrap_or((point, point));
             bounds = Some((point.min(low), point.max(high)));
         }
-        let (low, high) = bounds.ok_or(BadPhantom::Empty)?;
+        let (low, high) = bounds.ok_or(GeometryError::Empty)?;
         let size = (high - low).max_element();
         if !(SIZE_MM[0]..=SIZE_MM[1]).contains(&size) {
-            return Err(BadPhantom::Size { mm: size });
+            return Err(GeometryError::Size { mm: size });
         }
         Ok(())
     }
@@ -163,42 +165,6 @@ impl Geometry {
     pub fn nwires(&self) -> Vec<Nwire> {
         self.patterns().filter_map(|pattern| Nwire::of(&self.wires, pattern)).collect()
     }
-}
-
-/// Reasons why numbers do not describe a phantom.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BadPhantom {
-    /// There are neither wires nor landmarks.
-    #[error("the phantom has neither wires nor landmarks")]
-    Empty,
-    /// Two items have the same name.
-    #[error("two {what} are called {name}; give each a name of its own")]
-    Twice {
-        /// Wires or landmarks.
-        what: &'static str,
-        /// Their name.
-        name: String,
-    },
-    /// A coordinate is NaN or infinite.
-    #[error("a coordinate of {name} is not a finite number")]
-    NotFinite {
-        /// Name of the wire or landmark.
-        name: String,
-    },
-    /// Both ends of a wire coincide.
-    #[error("the wire {name} is {mm} mm long; give two points of it that are further apart")]
-    Short {
-        /// Name of the wire.
-        name: String,
-        /// Its length, mm.
-        mm: f64,
-    },
-    /// The size is implausible.
-    #[error("the phantom measures {mm} mm along its longest side, and none does; its numbers are to be in mm")]
-    Size {
-        /// The longest side, mm.
-        mm: f64,
-    },
 }
 
 #[cfg(test)]
@@ -255,21 +221,24 @@ pub(crate) mod tests {
         let refusal = |change: fn(&mut Vec<Wire>, &mut Vec<Landmark>)| {
             let (mut wires, mut landmarks) = (whole.wires().to_vec(), whole.landmarks().to_vec());
             change(&mut wires, &mut landmarks);
-            Geometry::new("", vec![wires], landmarks).unwrap_err().to_string()
+            Geometry::new("", vec![wires], landmarks)
         };
-        assert_eq!(refusal(|w, _| w[3].name = "1a".into()), "two wires are called 1a; give each a name of its own");
-        assert!(refusal(|_, l| l[1].name = "#1".into()).contains("two landmarks are called #1"));
-        assert!(refusal(|w, _| w[2].ends_mm[0].y = f64::NAN).contains("a coordinate of 1c is not a finite number"));
-        assert!(refusal(|_, l| l[0].position_mm.x = f64::INFINITY).contains("#1 is not a finite"));
-        assert!(refusal(|w, _| w[2].ends_mm[1] = w[2].ends_mm[0]).contains("the wire 1c is 0 mm long"));
+        let twice = |what, name: &str| Err(GeometryError::Twice { what, name: name.into() }.into());
+        let not_finite = |name: &str| Err(GeometryError::NotFinite { name: name.into() }.into());
+        assert_eq!(refusal(|w, _| w[3].name = "1a".into()), twice("wires", "1a"));
+        assert_eq!(refusal(|_, l| l[1].name = "#1".into()), twice("landmarks", "#1"));
+        assert_eq!(refusal(|w, _| w[2].ends_mm[0].y = f64::NAN), not_finite("1c"));
+        assert_eq!(refusal(|_, l| l[0].position_mm.x = f64::INFINITY), not_finite("#1"));
+        let short = GeometryError::Short { name: "1c".into(), mm: 0.0 };
+        assert_eq!(refusal(|w, _| w[2].ends_mm[1] = w[2].ends_mm[0]), Err(short.into()));
         let scaled = |w: &mut Vec<Wire>, l: &mut Vec<Landmark>, factor: f64| {
             w.iter_mut().for_each(|wire| wire.ends_mm = wire.ends_mm.map(|end| end * factor));
             l.iter_mut().for_each(|landmark| landmark.position_mm *= factor);
         };
         let (mut wires, mut landmarks) = (whole.wires().to_vec(), whole.landmarks().to_vec());
         scaled(&mut wires, &mut landmarks, 0.05);
-        let error = Geometry::new("", vec![wires], landmarks).unwrap_err().to_string();
-        assert!(error.contains("measures 6 mm") && error.contains("in mm"), "{error}");
-        assert_eq!(Geometry::new("", Vec::new(), Vec::new()), Err(BadPhantom::Empty));
+        let error = Geometry::new("", vec![wires], landmarks).unwrap_err();
+        assert!(matches!(error, CalibrationError::Geometry(GeometryError::Size { mm: 5.5..6.5 })), "{error}");
+        assert_eq!(Geometry::new("", Vec::new(), Vec::new()), Err(GeometryError::Empty.into()));
     }
 }

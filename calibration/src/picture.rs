@@ -2,6 +2,8 @@
 
 use sonoweave_core::region::ClipRect;
 
+use crate::error::CalibrationError;
+
 /// A grey image in 8 bits, row by row; u is the column, v the row, and pixel centres are at
 /// whole numbers ([`Image`](sonoweave_core::frames::Image)).
 #[derive(Debug, Clone, Copy)]
@@ -16,12 +18,12 @@ impl<'a> GreyView<'a> {
     /// Views pixels with `stride` bytes from a row's first pixel to the next row's.
     ///
     /// # Errors
-    /// [`BadView`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the
+    /// [`CalibrationError::Picture`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the
     /// last row.
-    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Result<Self, BadView> {
+    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Result<Self, CalibrationError> {
         let needed = stride.checked_mul(height.saturating_sub(1)).and_then(|bytes| bytes.checked_add(width));
         if width == 0 || height == 0 || stride < width || needed.is_none_or(|needed| pixels.len() < needed) {
-            return Err(BadView { width, height, stride, bytes: pixels.len() });
+            return Err(CalibrationError::Picture { width, height, stride, bytes: pixels.len() });
         }
         Ok(Self { width, height, stride, pixels })
     }
@@ -29,11 +31,11 @@ impl<'a> GreyView<'a> {
     /// Views pixels without gaps between rows.
     ///
     /// # Errors
-    /// [`BadView`] unless there is a pixel, and the number of bytes matches the size.
-    pub fn packed([width, height]: [usize; 2], pixels: &'a [u8]) -> Result<Self, BadView> {
+    /// [`CalibrationError::Picture`] unless there is a pixel, and the number of bytes matches the size.
+    pub fn packed([width, height]: [usize; 2], pixels: &'a [u8]) -> Result<Self, CalibrationError> {
         match width.checked_mul(height) {
             Some(count) if count == pixels.len() => Self::new(width, height, width, pixels),
-            _ => Err(BadView { width, height, stride: width, bytes: pixels.len() }),
+            _ => Err(CalibrationError::Picture { width, height, stride: width, bytes: pixels.len() }),
         }
     }
 
@@ -79,20 +81,6 @@ impl<'a> GreyView<'a> {
     }
 }
 
-/// The bytes do not make an image.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{bytes} bytes are no picture of {width}×{height} pixels whose rows lie {stride} bytes apart")]
-pub struct BadView {
-    /// Pixels along u.
-    pub width: usize,
-    /// Pixels along v.
-    pub height: usize,
-    /// Bytes from row to row.
-    pub stride: usize,
-    /// Bytes given.
-    pub bytes: usize,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,7 +105,7 @@ mod tests {
         assert!(GreyView::new(3, 3, 4, &bytes[..10]).is_err());
         assert!(GreyView::new(5, 2, 4, &bytes).is_err() && GreyView::new(0, 2, 4, &bytes).is_err());
         assert!(GreyView::packed([3, 3], &bytes[..9]).is_ok() && GreyView::packed([3, 3], &bytes).is_err());
-        let error = GreyView::new(3, usize::MAX, 4, &bytes).unwrap_err().to_string();
-        assert!(error.starts_with("11 bytes are no picture of 3×"), "{error}");
+        let error = GreyView::new(3, usize::MAX, 4, &bytes).unwrap_err();
+        assert_eq!(error, CalibrationError::Picture { width: 3, height: usize::MAX, stride: 4, bytes: 11 });
     }
 }

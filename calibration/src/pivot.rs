@@ -15,9 +15,8 @@ use glam::{DMat3, DVec3};
 
 use sonoweave_core::frames::{Stylus, StylusTip, Transform};
 
-use crate::least_squares::{
-    Blocks, Loss, Parameters, Settings as Solver, State, Unsolved, Vector, Whitening, rows, solve,
-};
+use crate::error::{CalibrationError, PivotError};
+use crate::least_squares::{Blocks, Loss, Parameters, Settings as Solver, State, Vector, Whitening, rows, solve};
 use crate::statistics::{Spread, correlation_length};
 
 mod start;
@@ -93,127 +92,14 @@ pub struct Pivot {
     pub condition: f64,
 }
 
-/// Reasons why poses do not determine the tip.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum PivotError {
-    /// There are too few poses.
-    #[error("{poses} usable poses of the stylus; at least {least} are needed, and some hundreds are good")]
-    TooFew {
-        /// Number of usable poses.
-        poses: usize,
-        /// Number required.
-        least: usize,
-    },
-    /// A pose is no rotation.
-    #[error("pose {index} (from 0) is not rigid: {problem}")]
-    NotRigid {
-        /// Its index.
-        index: usize,
-        /// The problem.
-        problem: String,
-    },
-    /// All poses are equal.
-    #[error(
-        "all {poses} poses are one and the same: the stylus was not moved, or the tracker hangs; turn the stylus while its tip rests"
-    )]
-    OnePose {
-        /// Number of poses.
-        poses: usize,
-    },
-    /// The stylus was hardly turned about any axis.
-    #[error(
-        "the stylus was hardly turned ({deg:.1}° at most, root mean square; {least:.0}° are needed): keep the tip where it is and tilt the stylus by 30° and more, to all sides"
-    )]
-    HardlyTurned {
-        /// Rotation about the most turned axis, degrees.
-        deg: f64,
-        /// Rotation required, degrees.
-        least: f64,
-    },
-    /// The stylus was turned about one axis that itself did not turn.
-    #[error(
-        "the stylus was turned about one axis only, ({}) in its sensor's frame, which itself turned by {deg:.1}° ({least:.0}° are needed, root mean square): where along it the \
-         tip is the poses do not say; tilt the stylus along another axis, too", [axis.x, axis.y, axis.z].map(|x| format!("{x:.2}")).join(", ")
-    )]
-    OneAxis {
-        /// The axis.
-        axis: DVec3,
-        /// Rotation of its direction, degrees.
-        deg: f64,
-        /// Rotation required, degrees.
-        least: f64,
-    },
-    /// Most poses do not agree on one place.
-    #[error(
-        "{outliers} of {poses} poses put the tip elsewhere than the others{}: the tip slipped or did not rest, or the tracker jumped; keep the tip in a divot, and metal away",
-        within(.runs)
-    )]
-    Unsteady {
-        /// Number of poses that disagree.
-        outliers: usize,
-        /// Number of all poses.
-        poses: usize,
-        /// Their longest runs: first and last index.
-        runs: Vec<[usize; 2]>,
-    },
-    /// The tip's distance is implausible.
-    #[error("{}", length_sentence(*.mm, *.plausible))]
-    Length {
-        /// Distance of the tip from the sensor, mm.
-        mm: f64,
-        /// Plausible range, mm.
-        plausible: [f64; 2],
-    },
-    /// The residuals exceed the limit.
-    #[error(
-        "the tip strays by {rms_mm:.2} mm (root mean square), more than the limit of {limit_mm} mm: the tip did not rest, or the tracker is disturbed (metal, its range)"
-    )]
-    Stray {
-        /// The residuals, root mean square, mm.
-        rms_mm: f64,
-        /// The limit, mm.
-        limit_mm: f64,
-    },
-    /// The solver's error, if none of the above is the reason.
-    #[error(transparent)]
-    Unsolved(#[from] Unsolved),
-}
-
-fn within(runs: &[[usize; 2]]) -> String {
-    let named: Vec<String> = runs.iter().map(|[first, last]| format!("{first} to {last}")).collect();
-    if named.is_empty() { String::new() } else { format!(" (poses {})", named.join(", ")) }
-}
-
-/// Factors of commonly confused units, with their descriptions.
-const MISTAKEN: [(f64, &str); 4] = [
-    (10.0, "10 times too large"),
-    (25.4, "25.4 times too large"),
-    (0.1, "cm and not mm"),
-    (1.0 / 25.4, "inches and not mm"),
-];
-
-fn length_sentence(mm: f64, plausible: [f64; 2]) -> String {
-    let than = if mm > plausible[1] { "farther than" } else { "nearer than" };
-    let fits = |(factor, what): &(f64, &str)| {
-        let right = mm / factor;
-        (right >= plausible[0] && right <= plausible[1]).then(|| format!("{right:.1} mm if positions are {what}"))
-    };
-    let meant: Vec<String> = MISTAKEN.iter().filter_map(fits).collect();
-    let meant = if meant.is_empty() { String::new() } else { format!("; it would be {}", meant.join(", ")) };
-    format!(
-        "the tip would be {mm:.1} mm from the sensor, {than} on any stylus ({} to {} mm){meant}: check the tracker's units",
-        plausible[0], plausible[1]
-    )
-}
-
 /// Finds the tip from poses of the stylus, in the order of measurement, while its tip rested in
 /// one place.
 ///
 /// # Errors
 /// [`PivotError`] names the missing data or the problem.
-pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Result<Pivot, PivotError> {
+pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Result<Pivot, CalibrationError> {
     if poses.len() < settings.least_poses {
-        return Err(PivotError::TooFew { poses: poses.len(), least: settings.least_poses });
+        return Err(PivotError::TooFew { poses: poses.len(), least: settings.least_poses }.into());
     }
     let mut rigid = Vec::with_capacity(poses.len());
     for (index, pose) in poses.iter().enumerate() {
@@ -221,7 +107,7 @@ pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Resu
             .nearest_rigid(ROTATION_TOLERANCE)
             .map_err(|error| PivotError::NotRigid { index, problem: error.to_string() })?;
         if !pose.affine().translation.is_finite() {
-            return Err(PivotError::NotRigid { index, problem: "its position is not a finite number".into() });
+            return Err(PivotError::NotRigid { index, problem: "its position is not a finite number".into() }.into());
         }
         rigid.push((pose.affine().matrix3, pose.affine().translation));
     }
@@ -231,19 +117,19 @@ pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Resu
     let (outliers, kept): (Vec<usize>, Vec<usize>) = (0..rigid.len()).partition(|&index| solved.weights[index] == 0.0);
     let kept_poses: Vec<_> = kept.iter().map(|&index| rigid[index]).collect();
     if outliers.len() as f64 > settings.most_outliers * rigid.len() as f64 {
-        return Err(PivotError::Unsteady { outliers: outliers.len(), poses: rigid.len(), runs: runs(&outliers) });
+        return Err(PivotError::Unsteady { outliers: outliers.len(), poses: rigid.len(), runs: runs(&outliers) }.into());
     }
     // The rotation may have been due to outliers only.
     let turning = Turning::of(&kept_poses);
     turning.check(&kept_poses, settings.least_turn_deg)?;
     let length = solved.tip.length();
     if !(length >= settings.length_mm[0] && length <= settings.length_mm[1]) {
-        return Err(PivotError::Length { mm: length, plausible: settings.length_mm });
+        return Err(PivotError::Length { mm: length, plausible: settings.length_mm }.into());
     }
     let distance = |(turn, at): &(DMat3, DVec3)| (*turn * solved.tip + *at - solved.pivot).length();
     let residual_mm = Spread::of(kept_poses.iter().map(distance));
     if residual_mm.rms > settings.limit_mm {
-        return Err(PivotError::Stray { rms_mm: residual_mm.rms, limit_mm: settings.limit_mm });
+        return Err(PivotError::Stray { rms_mm: residual_mm.rms, limit_mm: settings.limit_mm }.into());
     }
     Ok(Pivot {
         stylus_from_tip: tip_frame(solved.tip),

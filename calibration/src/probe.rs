@@ -6,15 +6,14 @@
 //!
 //! - [`dots`]: detects bright spots of an image.
 //! - [`layout`], [`matching`]: assign them to wires.
-//! - [`sighting`], [`track`]: recognised images, and poses between poses.
+//! - [`recording`], [`sighting`], [`track`]: observed and recognised images, and poses between poses.
 //! - [`plane`], [`linear`]: the plane from dots and poses, as the start of the fit.
 //! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's
 //!   lag, and their accuracy.
 //! - `unknown`: the plane as parameters.
 //! - [`errors`]: errors by PLUS's definition and by ours, on images that the fit did not use.
 //! - [`next`]: the view to take next.
-//! - [`calibrate`](mod@calibrate), [`refused`]: the whole procedure, or the reason for a
-//!   refusal.
+//! - [`calibrate`](mod@calibrate): the whole procedure, or the reason for a refusal.
 
 pub mod calibrate;
 pub mod dots;
@@ -24,8 +23,8 @@ pub mod linear;
 pub mod matching;
 pub mod next;
 pub mod plane;
+pub mod recording;
 pub mod refine;
-pub mod refused;
 mod reread;
 pub mod scatter;
 pub mod sighting;
@@ -35,9 +34,9 @@ pub mod target;
 pub mod track;
 mod unknown;
 
-pub use calibrate::{Calibration, Observation, Recording, calibrate};
+pub use calibrate::{Calibration, calibrate};
 pub use dots::DotFinder;
 pub use layout::Layout;
 pub use matching::Matcher;
 pub use next::{NextView, next_view};
-pub use refused::Refused;
+pub use recording::{Dots, Observation, Recording};

@@ -10,6 +10,7 @@ use glam::DVec3;
 use config::Settings as Config;
 use drivers::OpenSettings;
 use drivers::replay::SequenceSettings;
+use export::ExportError;
 use export::dicom::Identifiers;
 use export::dicom::sweep::Sweep;
 use export::dicom::volume::VolumeImage;
@@ -25,6 +26,7 @@ use sync::survey::SurveyError;
 use volume::dense::UNSEEN_FIELD;
 use volume::{DenseVolume, Values};
 
+use super::reconstruct::filling::advised;
 use super::{Failure, input, values};
 use flags::DicomFlags;
 
@@ -117,7 +119,8 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
         PixelType::U16 => Scalar::U16,
         other => {
             return Err(Failure(format!(
-                "{}: has voxels of {other:?}; DICOM's ultrasound volumes have 8 or 16 bit unsigned ones: reconstruct with --type u8 or u16 and --window",
+                "{}: has voxels of {other:?}, but DICOM's ultrasound volumes have 8 or 16 bit unsigned ones; \
+                reconstruct with --type u8 or u16 and --window",
                 input.display()
             )));
         }
@@ -134,14 +137,15 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
     let grid = volume.grid();
     let image = VolumeImage { grid: &grid, scalar, unseen, recording: &recording, world, identifiers };
     let mut weights = vec![0.0; grid.size[0] as usize];
-    image.write(output, |y, z, row| {
+    let written = image.write(output, |y, z, row| {
         volume.values(volume.index([0, y as i64, z as i64]), row, &mut weights);
         for (value, weight) in row.iter_mut().zip(&weights) {
             if *weight <= 0.0 {
                 *value = unseen;
             }
         }
-    })?;
+    });
+    written.map_err(advised)?;
     let [nx, ny, nz] = grid.size;
     Ok(format!("{nx}×{ny}×{nz} voxels of {}, an enhanced ultrasound volume", scalar.name()))
 }
@@ -168,7 +172,9 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
         match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => match ingest.take(reading) {
                 Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
-                    sweep.take(picture.head.stamp.item, picture.head.time_ns, &picture.image).map_err(within)?;
+                    sweep
+                        .take(picture.head.stamp.item, picture.head.time_ns, &picture.image)
+                        .map_err(|e| within(e.0))?;
                 }
                 Sample::Refused(refusal) if frames.contains(&refusal.item) => return Err(within(refusal.to_string())),
                 _ => {}
@@ -181,6 +187,12 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
     sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0))
 }
 
+/// Adds the flag that helps to the error of a sweep's export.
+fn shorter(error: ExportError) -> Failure {
+    let flag = if matches!(error, ExportError::DicomTooLarge { .. }) { ": --frames A..B" } else { "" };
+    Failure(format!("{error}{flag}"))
+}
+
 /// Frames of a sweep, in order.
 #[derive(Default)]
 struct Frames {
@@ -191,20 +203,23 @@ struct Frames {
 }
 
 impl Frames {
-    fn take(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), String> {
+    fn take(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
         let Pixels::U8(pixels) = image.pixels() else {
-            return Err(format!(
+            return Err(Failure(format!(
                 "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow"
-            ));
+            )));
         };
         let size = [image.width(), image.height()];
         if self.items.is_empty() {
             self.size = size;
         } else if self.size != size {
-            return Err(format!("item {item}: has {size:?} pixels, but the first frame has {:?}", self.size));
+            return Err(Failure(format!(
+                "item {item}: has {size:?} pixels, but the first frame has {:?}; choose frames of one size by --frames",
+                self.size
+            )));
         }
         // Checks the size before memory is allocated.
-        Sweep::bytes(self.items.len() as u64 + 1, size).map_err(|e| e.to_string())?;
+        Sweep::bytes(self.items.len() as u64 + 1, size).map_err(shorter)?;
         self.items.push(item);
         self.times_ns.push(time_ns);
         self.pixels.extend_from_slice(pixels);
@@ -239,7 +254,7 @@ impl Frames {
             world: placed.map_or("", |survey| survey.route.world()),
             identifiers,
         };
-        sweep.write(output)?;
+        sweep.write(output).map_err(shorter)?;
         let [width, height] = self.size;
         let place = placed.map_or_else(
             || "without poses".to_owned(),

@@ -60,7 +60,7 @@ impl Sharing {
         let commands = Arc::new(Commands::new(Arc::clone(ends), self.igtl_save.clone(), self.igtl_wait));
         hub.tell(false, if self.igtl_wait { "waits for the command start" } else { "the session has not begun" });
         let server = Server::new(address, Arc::clone(&hub), Arc::clone(&commands))
-            .map_err(|error| Failure(error.to_string()))?;
+            .map_err(|error| Failure(format!("--igtl: {error}")))?;
         if !quiet {
             say(&format!("OpenIGTLink at {}", server.address()));
             if !address.ip().is_loopback() {

@@ -27,8 +27,7 @@ impl Arrangement {
         if crop.is_none() && wanted.is_none_or(|wanted| wanted == code) {
             return Ok(Self { size, orientation: code.to_owned(), transposed: false, places: None });
         }
-        let none =
-            |code: &str| format!("{code:?} is no orientation of a 2D picture (MF, MN, UF, UN, FM, FU, NM or NU)");
+        let none = |code: &str| format!("the orientation {code:?} is unknown; give MF, MN, UF, UN, FM, FU, NM or NU");
         let given = if code.trim().is_empty() { "MF" } else { code };
         let wanted = wanted.unwrap_or(given);
         let [width, height] = mf_size(size, given).ok_or_else(|| none(given))?;
@@ -37,12 +36,12 @@ impl Arrangement {
             |from: u32, extent: u32, of: u32| from.checked_add(extent).is_some_and(|to| extent > 0 && to <= of);
         if !(inside(rect.x, rect.width, width) && inside(rect.y, rect.height, height)) {
             return Err(format!(
-                "the crop of {}×{} pixels from ({}, {}) is not inside the picture, which has {width}×{height} in MF orientation",
+                "the crop of {}×{} pixels from ({}, {}) is not within the frame of {width}×{height} pixels in MF orientation",
                 rect.width, rect.height, rect.x, rect.y
             ));
         }
         let number =
-            u32::try_from(u64::from(width) * u64::from(height)).map_err(|_| "the picture has more than 2³² pixels")?;
+            u32::try_from(u64::from(width) * u64::from(height)).map_err(|_| "the frame has more than 2³² pixels")?;
         let mf = to_mf((0..number).collect(), size, given).ok_or_else(|| none(given))?;
         let row = |v: u32| {
             let from = (v * width + rect.x) as usize;

@@ -54,10 +54,10 @@ impl Pictures {
         } else {
             (path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(".".as_ref()), number_in(&name))
         };
-        let listing = std::fs::read_dir(folder).map_err(|e| unfit(format!("cannot be listed: {e}")))?;
+        let listing = std::fs::read_dir(folder).map_err(|e| unfit(format!("cannot list the folder: {e}")))?;
         let mut found: Vec<(u64, PathBuf)> = Vec::new();
         for entry in listing {
-            let file = entry.map_err(|e| unfit(format!("cannot be listed: {e}")))?.path();
+            let file = entry.map_err(|e| unfit(format!("cannot list the folder: {e}")))?.path();
             let Some(name) = file_name(&file).filter(|name| is_png(name)) else { continue };
             let number = match pattern {
                 Some((before, digits, after)) => {
@@ -78,17 +78,19 @@ impl Pictures {
         }
         found.sort();
         if found.is_empty() {
-            return Err(unfit(
-                "names no picture that is there; frames are numbered PNG files, as in frame%04d.png".into(),
-            ));
+            return Err(unfit("matches no file; give the name of numbered PNG files, such as frame%04d.png".into()));
         }
         if found.len() as u64 > Limits::default().items {
-            return Err(unfit(format!("{} pictures are more than {}", found.len(), Limits::default().items)));
+            return Err(unfit(format!(
+                "{} files are more than {}; convert fewer at a time",
+                found.len(),
+                Limits::default().items
+            )));
         }
         if let Some(two) = found.windows(2).find(|two| two[1].0 != two[0].0 + 1) {
             let (after, before) = (two[0].1.display(), two[1].1.display());
             return Err(unfit(format!(
-                "between {after} and {before} is not one number: a frame is missing, or there are two of one number"
+                "{after} and {before} do not have successive numbers; add the missing frame, or remove the second one"
             )));
         }
         let paths: Vec<PathBuf> = found.into_iter().map(|(_, file)| file).collect();
@@ -111,7 +113,7 @@ impl Pictures {
         let problem = |problem: String| formats::Error::Data { path: path.clone(), frame, offset: 0, problem };
         let failed = |source| formats::Error::Io { path: path.clone(), doing: "opening", source };
         let file = File::open(path).map_err(failed)?;
-        let broken = |e: image::ImageError| problem(format!("is no PNG that can be read: {e}"));
+        let broken = |e: image::ImageError| problem(format!("cannot be read as PNG: {e}"));
         let decoder = PngDecoder::new(BufReader::new(file)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         let (pixel, channels) = match decoder.color_type() {
@@ -123,11 +125,14 @@ impl Pictures {
             ColorType::La16 => (PixelType::U16, 2),
             ColorType::Rgb16 => (PixelType::U16, 3),
             ColorType::Rgba16 => (PixelType::U16, 4),
-            other => return Err(problem(format!("has pixels of {other:?}, which are not read"))),
+            other => return Err(problem(format!("has unsupported pixels of {other:?}; convert it to 8 or 16 bits"))),
         };
         let bytes = decoder.total_bytes();
         if bytes > self.limits.frame_bytes {
-            return Err(problem(format!("has {bytes} bytes of pixels, more than {}", self.limits.frame_bytes)));
+            return Err(problem(format!(
+                "has {bytes} bytes of pixels, more than the limit of {}",
+                self.limits.frame_bytes
+            )));
         }
         let mut pixels = vec![0; if self.images { bytes as usize } else { 0 }];
         if self.images {

@@ -83,13 +83,16 @@ pub fn gather(
     device.stop()?;
     let Walk { mut items, shape, orientation, image_type, numbers, .. } = walk;
     let Some(Shape { size, pixel, channels }) = shape else {
-        return Err(unfit("holds no frames, so there is nothing to be written as a sequence".into()));
+        return Err(unfit("holds no frames to write as a sequence".into()));
     };
     items.iter_mut().zip(numbers).for_each(|(item, number)| attach(item, number, placing));
     let range = changes.frames.clone().unwrap_or(0..u64::MAX);
     let count = items.len() as u64;
     if range.start >= count {
-        return Err(unfit(format!("has {count} frames, none of which is in --frames {}..", range.start)));
+        return Err(unfit(format!(
+            "has {count} frames, none of them in --frames {}..; choose earlier frames",
+            range.start
+        )));
     }
     let (first, last) = (range.start, range.end.min(count));
     items.truncate(last as usize);
@@ -104,13 +107,13 @@ pub fn gather(
     let arrangement = if images {
         Some(Arrangement::new(size, &orientation, changes.crop, changes.orientation.as_deref()).map_err(unfit)?)
     } else if changes.crop.is_some() || changes.orientation.is_some() {
-        return Err(unfit("holds no pictures; --crop and --orientation are of pictures".into()));
+        return Err(unfit("holds no images, which --crop and --orientation need; leave these out".into()));
     } else {
         None
     };
     if let Some(crop) = changes.crop {
         if fields.iter().any(|(name, _)| name == CROP_FIELD) {
-            return Err(unfit(format!("was cropped before (field {CROP_FIELD}); crop the whole recording instead")));
+            return Err(unfit(format!("was cropped before (field {CROP_FIELD}); crop the original recording instead")));
         }
         fields.push((CROP_FIELD.into(), format!("{} {} {} {}", crop.x, crop.y, crop.width, crop.height)));
         items.iter_mut().for_each(|item| shift(item, [crop.x, crop.y].map(f64::from)));
@@ -138,7 +141,7 @@ impl Walk {
         }
         if known != shape || *frame.orientation != *self.orientation || frame.image_type != self.image_type {
             return Err(format!(
-                "frame {n} is of another size, type or orientation than those before it; choose frames of one kind with --frames"
+                "frame {n} differs in size, type or orientation from earlier frames; choose frames of one kind with --frames"
             ));
         }
         let mut fields = frame.fields;

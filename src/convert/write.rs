@@ -74,7 +74,7 @@ pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: To
     })?;
     let account = writer.finish(last)?;
     if account.lost > 0 {
-        let source = std::io::Error::other("the disk took not all of it; make room and convert again");
+        let source = std::io::Error::other("not all frames were written; free some disk space, and convert again");
         return Err(io(source));
     }
     file.persist(to).map_err(|error| io(error.error))?;
@@ -88,10 +88,7 @@ pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: To
 pub fn pictures(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
     let header = &gathered.header;
     if gathered.arrangement.is_none() {
-        return Err(ConvertError::Unfit {
-            path: to.to_owned(),
-            why: "the recording holds no pictures to be written".into(),
-        });
+        return Err(ConvertError::Unfit { path: to.to_owned(), why: "the recording holds no frames to write".into() });
     }
     each(device, gathered, |n, frame| {
         write_stored(&frame.pixels, header.size, header.pixel, header.channels, &numbered(to, gathered.first + n))?;
@@ -160,7 +157,7 @@ pub fn volume(from: &Path, to: &Path, changes: &Changes, told: Told<'_>) -> Resu
     let mut reader = VolumeReader::open(from, &Limits::default())?;
     let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
     if !header.placed {
-        let why = "has no place in space (neither sform nor qform), which other formats cannot say: give it one";
+        let why = "has no position in space (neither sform nor qform), which other formats require; add one";
         return Err(ConvertError::Unfit { path: from.to_owned(), why: why.into() });
     }
     let mut removed = Vec::new();

@@ -104,7 +104,7 @@ fn recorded(place: &Place) -> String {
     ));
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
     for says in [
-        "--order names the divots of 22 touches, and the joints rested ",
+        "--order gives the divots of 22 touches, but the joints rested ",
         "22 touches of 4 divots: the tip is known to 0.",
     ] {
         assert!(run.stderr.contains(says), "{says}: {}", run.stderr);
@@ -175,7 +175,7 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     exact.write(&place.path("exact.toml")).unwrap();
     let skipped = by.replace("--skip 1", &format!("--skip {}", joined([1].into_iter().chain(elsewhere))));
     let said = place.does(&format!("{skipped} --point --arm exact.toml --report point.json"));
-    assert!(said.contains("touches of one point") && said.contains("252.3 mm, as it was"), "{said}");
+    assert!(said.contains("touches of one point") && said.contains("252.3 mm, unchanged"), "{said}");
     is_found(&place.json("point.json"), 3.0);
     let distance = |two: &[usize]| {
         let [one, other] = [two[0], two[1]].map(|divot| DVec2::from_array(DIVOTS[divot - 1]));
@@ -188,14 +188,14 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     // The check confirms the arm against its own fit. An encoder that has slipped since shows as
     // a changed zero.
     let said = place.does(&format!("{by} {order} --arm cal.toml --check --report check.json"));
-    assert!(said.contains("it is the arm that was fitted") && said.contains("its fit left 0.0"), "{said}");
+    assert!(said.contains("the arm agrees with its calibration") && said.contains("its fit had 0.0"), "{said}");
     assert_eq!(place.json("check.json")["changed"], false);
     let mut slipped = *file.arm.unwrap().joints();
     slipped[2].zero_counts += 250.0;
     CalibrationFile { arm: Some(Arm::new(slipped).unwrap()), ..file }.write(&place.path("slipped.toml")).unwrap();
     let run = place.run(&format!("{by} {order} --arm slipped.toml --check --report slipped.json"));
     assert_eq!(run.code, 1, "{} {}", run.stdout, run.stderr);
-    let advice = "the arm no longer agrees with its calibration: the zero of joint 3 has moved by -2";
+    let advice = "the arm no longer agrees with its calibration; the zero of joint 3 has moved by -2";
     assert!(run.stderr.contains(advice), "{}", run.stderr);
     assert_eq!(place.json("slipped.json")["slipped"]["joint"], 3);
 
@@ -203,12 +203,12 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     place.put("cm.toml", plate(0.1));
     place.put("inches.toml", plate(1.0 / 25.4));
     let refuses = |words: &str, says: &[&str]| place.refuses(&format!("{by} {words} -o new.toml"), says);
-    refuses(&order.replace("plate.toml", "cm.toml"), &["arm.mcap: ", "its numbers are in cm and must be in mm"]);
-    refuses(&order.replace("plate.toml", "inches.toml"), &["its numbers are in inches and must be in mm"]);
+    refuses(&order.replace("plate.toml", "cm.toml"), &["arm.mcap: ", "their numbers are in cm and must be in mm"]);
+    refuses(&order.replace("plate.toml", "inches.toml"), &["their numbers are in inches and must be in mm"]);
     refuses("--plate plate.toml", &["rested 22 times, which is no whole number of rounds over 4 divots", "2 at "]);
-    refuses("--plate plate.toml --order 1,2,3", &["--order names the divots of 3 touches, and the joints rested 22"]);
-    refuses("--distances 80,60", &["not two touches for each of 2 distances"]);
-    refuses("--point --skip 30", &["--skip 30: the joints rested 23 times"]);
+    refuses("--plate plate.toml --order 1,2,3", &["--order gives the divots of 3 touches, but the joints rested 22"]);
+    refuses("--distances 80,60", &["but each of 2 distances takes two touches"]);
+    refuses("--point --skip 30", &["--skip 30: must be a rest's number, and the joints rested 23 times"]);
     place.refuses(
         &format!("calibrate arm --session {session} --rest 30 --point"),
         &["arm.mcap: the joints never rested for 30 s"],

@@ -184,10 +184,10 @@ fn numbered_images_convert_back_to_a_sequence() {
     let text = |name: &str| String::from_utf8_lossy(&place.get(name)).into_owned();
     assert!(text("back.mha").contains("Seq_Frame0002_Timestamp = 0.1\n"), "{}", text("back.mha"));
     assert!(!text("folder.mha").contains("Timestamp"), "{}", text("folder.mha"));
-    place.refuses_with("convert g%03d.png x.mha", &["names no picture that is there"]);
+    place.refuses_with("convert g%03d.png x.mha", &["matches no file"]);
     place.refuses_with("convert s.mha x.mha --rate 30", &["--rate applies to numbered pictures"]);
     place.put("f004.png", &place.get("f004.png")[..60]);
-    place.refuses_with("convert f%03d.png x.mha", &["f004.png", "is no PNG that can be read"]);
+    place.refuses_with("convert f%03d.png x.mha", &["f004.png", "cannot be read as PNG"]);
     std::fs::remove_file(place.path("f003.png")).unwrap();
     place.refuses_with("convert f%03d.png x.mha", &["f002.png and ", "f004.png", "a frame is missing"]);
 }

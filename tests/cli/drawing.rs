@@ -103,12 +103,12 @@ fn other_phantoms_are_refused() {
     refused(
         "[20.0, 60.0, 40.0]",
         "[20.0, 58.0, 40.0]",
-        &["other.toml: the wire 1b ends 2.00 mm off the plates between which 1a runs"],
+        &["other.toml: the wire 1b ends 2.00 mm off the plates that the wire 1a defines"],
     );
     refused(
         "position_mm = [0.0, -5.0, 15.0]",
         "position_mm = [0.0, -5.0, 800.0]",
-        &["other.toml: its plates are 75 × 805 mm", "A3"],
+        &["other.toml: the phantom's plates of 75 × 805 mm", "A3"],
     );
     place.put("phantom.toml", &whole);
     place.refuses("calibrate drawing --phantom phantom.toml -o phantom.toml", &["phantom.toml: is the input"]);

@@ -120,7 +120,7 @@ fn nwire_scan_reports_uncertainty_until_goal() {
     );
     assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
     assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
-    assert!(run.stdout.contains("pictures of the phantom n-wire used"), "{}", run.stdout);
+    assert!(run.stdout.contains("frames of the phantom n-wire used"), "{}", run.stdout);
     let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
     assert!(middle < 0.5 && corner < 1.5, "{middle} {corner}");
 }

@@ -172,7 +172,7 @@ fn session_gives_total_lag_despite_pairing() {
     assert!((number("lag_s") - 0.04).abs() < 3e-3 && number("lag_se_s") < 3e-3, "{said}");
     assert_eq!((number("video_ms"), number("paired_by_ms")), (25.0, -25.0));
     assert!((number("tracker_ms") - 25.0 - 1e3 * number("lag_s")).abs() < 1e-9, "{report}");
-    assert!(said.contains("the session was woven by a lag of -25.0 ms"), "{said}");
+    assert!(said.contains("the session was reconstructed with a lag of -25.0 ms"), "{said}");
 }
 
 #[test]
@@ -183,15 +183,15 @@ fn unsuitable_recordings_are_refused_without_output() {
     let to = "-o c.toml --report r.json";
     place.refuses(
         &format!("calibrate latency --video video.mha --tracker other.mha {to}"),
-        &["no lag: of 900 poses none is of the time of the pictures", "of one clock"],
+        &["no lag: none of 900 poses is from the frames' time", "of one clock"],
     );
     place.refuses(
         &format!("calibrate latency --video tracker.mha --tracker tracker.mha --method line {to}"),
-        &["no lag: of 900 pictures 0 show the line of a floor", "in 900 nothing moves"],
+        &["no lag: 0 of 900 frames show the line of a floor", "900 frames without motion"],
     );
     place.refuses(
         &format!("calibrate latency --sequence video.mha {to}"),
-        &["video.mha: holds no valid ProbeToTracker; it holds no transform"],
+        &["video.mha: holds no valid ProbeToTracker (it holds no transform)"],
     );
     place.refuses(
         &format!("calibrate latency --sequence video.mha --range-ms 5 {to}"),

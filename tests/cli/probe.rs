@@ -110,7 +110,7 @@ fn calibrated_session_shows_wires_at_true_positions() {
     let clip = place.toml("truth.toml")["image"]["clip_px"].to_string();
     place.put("probe.toml", format!("format = \"sonoweave-calibration\"\nversion = 1\n[image]\nclip_px = {clip}\n"));
     let said = place.does(&format!("calibrate probe --phantom phantom.toml --session {session} -o probe.toml"));
-    assert!(said.contains("(the last third, by a calibration from the others)"), "{said}");
+    assert!(said.contains("(the last third, with a calibration from the others)"), "{said}");
     assert!(said.contains("latency: video 0.0 ms, tracker -"), "{said}");
     let found = place.toml("probe.toml");
     let lag = found["latency"]["tracker_ms"].as_float().unwrap();

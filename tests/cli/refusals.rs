@@ -212,7 +212,7 @@ fn absent_frame_range_is_refused() {
 #[test]
 fn stray_poses_with_huge_box_are_refused() {
     let far: fn(u32) -> String = |frame| pose(f64::from(frame) * 1e8);
-    refused(with(|s| s.pose = far).bytes(), &["stray poses", "--size"]);
+    refused(with(|s| s.pose = far).bytes(), &["strays", "--size"]);
 }
 
 #[test]

@@ -43,7 +43,7 @@ fn looks_like_a_page(place: &Place, name: &str, marks: usize) {
     // An arrow's shaft and its head are one path or two.
     assert!(count("path") >= marks / 2, "{name}: {} paths", count("path"));
     assert!(count("rect") >= 190, "{name}: {} bars and cells", count("rect"));
-    assert!(page.contains("Accepted: 0.") && page.contains("Calibrated 5 times"), "{name}");
+    assert!(page.contains("Accepted: 0.") && page.contains("Reproducibility: in 5 calibrations"), "{name}");
     assert!(!page.contains("src=") && !page.contains("http"), "{name} fetches something");
 }
 
@@ -53,8 +53,8 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     swept(&place, "cross-wire");
     let said =
         place.does("calibrate probe --method point --sequence cross-wire.igs.mha -o point.toml --report point.json --report point.html");
-    assert!(said.contains("pictures of a point that rests used"), "{said}");
-    assert!(said.contains("next view: let it be seen at the picture's "), "{said}");
+    assert!(said.contains("frames of a point at rest used"), "{said}");
+    assert!(said.contains("next view: bring the target to the image's "), "{said}");
     looks_like_a_page(&place, "point.html", 398);
     let [middle, corner] = off(&place, "point.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
@@ -98,7 +98,7 @@ fn next_view_is_the_most_uncertain_corner() {
         let said = report["next_view"].as_str().unwrap();
         assert_eq!(
             said,
-            format!("let it be seen at the picture's {name}, where a place is known least ({mm:.2} mm)"),
+            format!("bring the target to the image's {name} corner, which is known least ({mm:.2} mm)"),
             "{corners:?}"
         );
         assert_eq!(report["predicted_ends_mm"][1].as_f64().unwrap(), mm);
@@ -128,28 +128,31 @@ fn insufficient_scans_are_refused_with_the_reason() {
     );
     place.refuses(
         "calibrate probe --method point --sequence still.igs.mha -o a.toml",
-        &["still.igs.mha: all pictures are from one pose"],
+        &["still.igs.mha: all frames are from one pose"],
     );
     place.does(
         "phantom -o fan.igs.mha --scene tank-floor --trajectory fan --gap 0.5 --frames 60 --image-size 320x240 --calibration truth.toml",
     );
     place.refuses(
         "calibrate probe --method plane --sequence fan.igs.mha -o a.toml",
-        &["fan.igs.mha: no rotation about the picture's normal", "tilt the probe from side to side"],
+        &["fan.igs.mha: the probe hardly turned about the image's normal", "tilt the probe from side to side"],
     );
     place.does(
         "phantom -o nothing.igs.mha --scene constant --trajectory freehand --frames 30 --image-size 320x240 --calibration truth.toml",
     );
     place.refuses(
         "calibrate probe --method point --sequence nothing.igs.mha -o a.toml",
-        &["nothing.igs.mha: a bright spot is seen in 0 of 30 pictures"],
+        &["nothing.igs.mha: a bright spot is visible in 0 of 30 frames"],
     );
     place.refuses(
         "calibrate probe --method plane --sequence nothing.igs.mha -o a.toml",
-        &["nothing.igs.mha: the line of a plane is seen in 0 of 30 pictures"],
+        &["nothing.igs.mha: the line of a plane is visible in 0 of 30 frames"],
     );
     let words = "--sequence still.igs.mha -o a.toml";
-    place.refuses(&format!("calibrate probe --method point --phantom p.toml {words}"), &["--phantom: --method point"]);
+    place.refuses(
+        &format!("calibrate probe --method point --phantom p.toml {words}"),
+        &["--phantom: has no effect with --method point"],
+    );
     place.refuses(&format!("calibrate probe --method stylus {words}"), &["--stylus-tip", "`calibrate pivot`"]);
     place.refuses(&format!("calibrate probe --method nwire {words}"), &["needs the phantom's wires: give --phantom"]);
 }

@@ -59,7 +59,7 @@ fn static_sensor_noise_is_reported_and_moving_refused() {
         "calibrate tracker --sequence moved.igs.mha --report moved.json",
         &["moved.igs.mha: the sensor has moved", "lay it down"],
     );
-    place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["nothing is called Stylus"]);
+    place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["holds no frame Stylus"]);
     place.refuses(
         "calibrate tracker --sequence lying.igs.mha -o cal.toml",
         &["--output: a sensor's noise is not part of a calibration file", "--other"],

@@ -1,7 +1,8 @@
 //! Checks a running arm against its calibration.
 
-use super::fit::{Fitted, Found, Known, NoFit, Options, Touch, fit};
+use super::fit::{Fitted, Found, Known, Options, Touch, fit};
 use super::{Arm, JOINTS};
+use crate::error::CalibrationError;
 
 /// An arm has changed if its touches are this many times as far from the divots as at the fit.
 const CHANGED: f64 = 3.0;
@@ -32,13 +33,14 @@ impl Checked {
         match (&self.slipped, self.changed) {
             (_, false) => String::new(),
             (Some(found), true) => format!(
-                "the zero of joint {} has moved by {:.1} counts (±{:.1}): home the arm once more, or calibrate it anew",
+                "the zero of joint {} has moved by {:.1} counts (±{:.1}): home the arm again, or calibrate it anew",
                 found.joint,
                 found.value - found.before,
                 found.sd
             ),
             (None, true) => {
-                "no single joint explains it: look whether a link is bent or loose, and calibrate it anew".into()
+                "no single joint explains the change: check whether a link is bent or loose, and calibrate the arm anew"
+                    .into()
             }
         }
     }
@@ -51,14 +53,14 @@ impl Checked {
 /// relies on its own index mark.
 ///
 /// # Errors
-/// [`NoFit`] if there are too few touches, or none of known places.
+/// [`ArmError`] if there are too few touches, or none of known places.
 pub fn check(
     arm: &Arm,
     known: &Known<'_>,
     touches: &[Touch],
     options: &Options,
     fitted_mm: f64,
-) -> Result<Checked, NoFit> {
+) -> Result<Checked, CalibrationError> {
     let placed = |zeros| Options {
         lengths: [false; JOINTS],
         zeros,

@@ -14,9 +14,9 @@ mod refusal;
 use glam::DVec2;
 
 use super::{Arm, JOINTS, Joint, Kind, Values};
+use crate::error::{ArmError, CalibrationError};
 use crate::least_squares::{Loss, Noise, Solution};
 use model::Model;
-pub use refusal::NoFit;
 
 /// One touch: the tip set down and kept still.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,9 +245,9 @@ impl Fitted {
 /// to estimate it, by [`Options::seat_mm`].
 ///
 /// # Errors
-/// [`NoFit`] names the invalid touch or plate, or the undetermined parameters and the touches
+/// [`ArmError`] names the invalid touch or plate, or the undetermined parameters and the touches
 /// to add.
-pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<Fitted, NoFit> {
+pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<Fitted, CalibrationError> {
     refusal::check(start, known, touches, options)?;
     let mut model = Model::new(start, known, touches, options);
     if model.parameters.steps() == 0 {
@@ -259,9 +259,9 @@ pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options)
     model.parameters.begin_at(&near.state);
     let solution = model.solve(Loss::Tukey, model.noise())?;
     if let Some(direction) = solution.directions().first().filter(|direction| direction.sd > LEAST_KNOWN_MM) {
-        return Err(refusal::unseen(&model, std::slice::from_ref(direction)));
+        return Err(refusal::unseen(&model, std::slice::from_ref(direction)).into());
     }
-    let arm = Arm::new(model.joints(&solution.state))?;
+    let arm = Arm::new(model.joints(&solution.state)).map_err(|bad| ArmError::Senseless(bad.to_string()))?;
     let mut found = Vec::new();
     for (index, number, place) in &model.numbers {
         let mut before = start.joints()[*index];

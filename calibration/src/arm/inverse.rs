@@ -16,6 +16,7 @@ use glam::DVec2;
 
 use super::pose::turned_near;
 use super::{Arm, JOINTS, Kind, PlanarPose, Values};
+use crate::error::{ArmError, CalibrationError};
 
 /// Choice between two solutions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,48 +27,6 @@ pub enum Elbow {
     Up,
     /// The other solution. If there is only one, both choices return it.
     Down,
-}
-
-/// Reasons why no joint values reach a pose, with the amount missing.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Unreachable {
-    /// The pose is beyond the arm's reach.
-    #[error("the pose is beyond the arm's reach by {by_mm:.3} mm; move its base nearer, or use longer links")]
-    TooFar {
-        /// Missing length of the arm, mm.
-        by_mm: f64,
-    },
-    /// The pose is nearer to the base than the arm can fold.
-    #[error(
-        "the pose is nearer to the arm's base than it can be folded, by {by_mm:.3} mm; move its base away, or use links of like lengths"
-    )]
-    TooNear {
-        /// Missing distance of the pose from the base, mm.
-        by_mm: f64,
-    },
-    /// The joint's angle is undetermined there.
-    #[error("joint {joint} of 3 may have any angle there, as what it turns lies on its axis; take a pose beside it")]
-    Undetermined {
-        /// Number of the joint, from 1.
-        joint: usize,
-    },
-    /// Two joints slide along one line.
-    #[error(
-        "joints {} and {} of 3 slide along lines that are parallel to {degrees:.4}°, and can do only one slide's work; turn one of them",
-        joints[0], joints[1]
-    )]
-    Parallel {
-        /// Numbers of the joints, from 1.
-        joints: [usize; 2],
-        /// The angle between the slides, degrees.
-        degrees: f64,
-    },
-    /// All three joints slide.
-    #[error("no joint of the arm turns: its heading is {degrees:.3}° from the wanted one whatever its joints do")]
-    Untwisted {
-        /// Angle from the arm's heading to the wanted one, degrees.
-        degrees: f64,
-    },
 }
 
 /// A joint's type for the inverse; slides with their direction, rad.
@@ -92,24 +51,24 @@ const ROUNDING_MM: f64 = 1e-9;
 const LEAST_SINE: f64 = 1e-4;
 
 /// Returns the angle of a vector, if it has one.
-fn angle(v: DVec2, joint: usize) -> Result<f64, Unreachable> {
-    if v.length() > ROUNDING_MM { Ok(v.to_angle()) } else { Err(Unreachable::Undetermined { joint }) }
+fn angle(v: DVec2, joint: usize) -> Result<f64, ArmError> {
+    if v.length() > ROUNDING_MM { Ok(v.to_angle()) } else { Err(ArmError::AnyAngle { joint }) }
 }
 
 /// Returns the end of a vector of length `first` from which one of length `second` reaches the
 /// target.
-fn circles_meet(target: DVec2, [first, second]: [f64; 2], elbow: Elbow) -> Result<DVec2, Unreachable> {
+fn circles_meet(target: DVec2, [first, second]: [f64; 2], elbow: Elbow) -> Result<DVec2, ArmError> {
     let distance = target.length();
     let beyond = distance - (first + second);
     if beyond > ROUNDING_MM {
-        return Err(Unreachable::TooFar { by_mm: beyond });
+        return Err(ArmError::TooFar { by_mm: beyond });
     }
     let within = (first - second).abs() - distance;
     if within > ROUNDING_MM {
-        return Err(Unreachable::TooNear { by_mm: within });
+        return Err(ArmError::TooNear { by_mm: within });
     }
     if distance <= ROUNDING_MM {
-        return Err(Unreachable::Undetermined { joint: 1 });
+        return Err(ArmError::AnyAngle { joint: 1 });
     }
     let along = target / distance;
     let far = 0.5 * (distance + (first + second) * ((first - second) / distance));
@@ -131,10 +90,10 @@ fn circle_meets_line(target: DVec2, along: DVec2, radius: f64, elbow: Elbow) -> 
 }
 
 /// Returns the distances along two unit vectors whose sum is the target.
-fn lines_meet(target: DVec2, [a, b]: [DVec2; 2], joints: [usize; 2]) -> Result<[f64; 2], Unreachable> {
+fn lines_meet(target: DVec2, [a, b]: [DVec2; 2], joints: [usize; 2]) -> Result<[f64; 2], ArmError> {
     let sine = a.perp_dot(b);
     if sine.abs() < LEAST_SINE {
-        return Err(Unreachable::Parallel { joints, degrees: sine.abs().asin().to_degrees() });
+        return Err(ArmError::Parallel { joints, degrees: sine.abs().asin().to_degrees() });
     }
     Ok([target.perp_dot(b) / sine, a.perp_dot(target) / sine])
 }
@@ -143,11 +102,11 @@ impl Arm {
     /// Returns joint values at which the last link has this pose. Turns are between −π and π.
     ///
     /// # Errors
-    /// [`Unreachable`] if no joint values, or infinitely many, reach the pose.
-    pub fn inverse(&self, pose: &PlanarPose, elbow: Elbow) -> Result<Values, Unreachable> {
+    /// [`ArmError`] if no joint values, or infinitely many, reach the pose.
+    pub fn inverse(&self, pose: &PlanarPose, elbow: Elbow) -> Result<Values, CalibrationError> {
         use Step::{Slide, Turn};
         let lengths = self.joints().each_ref().map(|joint| joint.length_mm);
-        let far = |missing| Unreachable::TooFar { by_mm: missing };
+        let far = |missing| ArmError::TooFar { by_mm: missing };
         let heading = pose.heading_rad;
         let third = DVec2::from_angle(heading);
         // Start of the last link, if it does not slide.
@@ -170,7 +129,7 @@ impl Arm {
                 // In the frame of the first link, which lies along x.
                 let base = DVec2::new(-lengths[0], 0.0);
                 let along = DVec2::from_angle(bend);
-                let near = |missing| Unreachable::TooNear { by_mm: missing };
+                let near = |missing| ArmError::TooNear { by_mm: missing };
                 let slide = circle_meets_line(base, along, wrist.length(), elbow).map_err(near)?;
                 let first = angle(wrist, 1)? - angle(slide * along - base, 1)?;
                 [first, slide - lengths[1], heading - first - bend]
@@ -201,7 +160,7 @@ impl Arm {
             }
             [Slide(a), Slide(b), Slide(c)] => {
                 let off = turned_near(heading - (a + b + c), 0.0);
-                return Err(Unreachable::Untwisted { degrees: off.to_degrees() });
+                return Err(ArmError::Untwisted { degrees: off.to_degrees() }.into());
             }
         };
         Ok(self.turned(values, &[0.0; JOINTS]))
@@ -213,7 +172,7 @@ impl Arm {
     ///
     /// # Errors
     /// The same as for [`Self::inverse`].
-    pub fn inverse_near(&self, pose: &PlanarPose, near: &Values) -> Result<Values, Unreachable> {
+    pub fn inverse_near(&self, pose: &PlanarPose, near: &Values) -> Result<Values, CalibrationError> {
         let [up, down] = [Elbow::Up, Elbow::Down].map(|elbow| self.inverse(pose, elbow).map(|v| self.turned(v, near)));
         let (up, down) = (up?, down?);
         let counts = self.counts(near);

@@ -6,6 +6,8 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use sonoweave_core::frames::{Probe, Tracker, Transform};
 
+use crate::error::{ArmError, CalibrationError};
+
 /// Pose of the arm's last link, in the x-y plane of its base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPose {
@@ -13,22 +15,6 @@ pub struct PlanarPose {
     pub position_mm: DVec2,
     /// Direction against the base's x axis, rad, positive from x to y; may exceed one turn.
     pub heading_rad: f64,
-}
-
-/// Deviation of a pose from the plane that an arm moves in.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error(
-    "the pose lies {mm:.3} mm out of the arm's plane and is tilted by {degrees:.3}° against it, beyond {most_mm} mm and {most_degrees}°; an arm of three joints moves in its base's x-y plane and turns about z"
-)]
-pub struct NotPlanar {
-    /// Distance of the probe's origin from the plane, mm.
-    pub mm: f64,
-    /// Angle between the probe's z axis and the base's.
-    pub degrees: f64,
-    /// Tolerance, mm.
-    pub most_mm: f64,
-    /// Tolerance, degrees.
-    pub most_degrees: f64,
 }
 
 impl PlanarPose {
@@ -43,13 +29,13 @@ impl PlanarPose {
     /// Returns the planar pose nearest to a pose in space.
     ///
     /// # Errors
-    /// [`NotPlanar`] if the origin is farther than `most_mm` from the plane, or the z axis is
+    /// [`ArmError`] if the origin is farther than `most_mm` from the plane, or the z axis is
     /// tilted by more than `most_degrees` against the base's.
     pub fn nearest(
         tracker_from_probe: &Transform<Tracker, Probe>,
         most_mm: f64,
         most_degrees: f64,
-    ) -> Result<Self, NotPlanar> {
+    ) -> Result<Self, CalibrationError> {
         let DAffine3 { matrix3, translation } = tracker_from_probe.affine();
         let z = matrix3.z_axis;
         // Small angles need the sine: the cosine does not resolve angles below 1e-8.
@@ -57,7 +43,7 @@ impl PlanarPose {
         let mm = translation.z.abs();
         // The negated comparison refuses NaN.
         if !(mm <= most_mm && degrees <= most_degrees) {
-            return Err(NotPlanar { mm, degrees, most_mm, most_degrees });
+            return Err(ArmError::NotPlanar { mm, degrees, most_mm, most_degrees }.into());
         }
         // Uses both axes in the plane, so that a small tilt about either changes nothing to
         // first order.

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use sonoweave_core::frames::Image;
 
 use super::*;
+use crate::error::ArmError;
 
 fn three_turns() -> Arm {
     Arm::new([Joint::revolute(250.0, 40_000.0), Joint::revolute(220.0, 20_000.0), Joint::revolute(60.0, 8192.0)])
@@ -95,13 +96,15 @@ fn bad_numbers_are_refused_by_joint() {
     let refusal = |change: fn(&mut Joint)| {
         let mut joints = good;
         change(&mut joints[1]);
-        Arm::new(joints).unwrap_err().to_string()
+        Arm::new(joints)
     };
-    assert!(refusal(|joint| joint.length_mm = f64::NAN).starts_with("joint 2 of 3: its length is not"));
-    assert!(refusal(|joint| joint.zero_counts = f64::INFINITY).contains("its zero is not"));
-    assert!(refusal(|joint| joint.counts_per_unit = -5.0).contains("sign = -1"));
-    assert!(refusal(|joint| joint.length_mm = -1.0).contains("a link of -1 mm"));
-    assert!(refusal(|joint| joint.kind = Kind::Prismatic { direction_deg: f64::NAN }).contains("its direction is not"));
+    let not_finite = |what| Err(ArmError::NotFinite { joint: 2, what }.into());
+    assert_eq!(refusal(|joint| joint.length_mm = f64::NAN), not_finite("length"));
+    assert_eq!(refusal(|joint| joint.zero_counts = f64::INFINITY), not_finite("zero"));
+    assert_eq!(refusal(|joint| joint.counts_per_unit = -5.0), Err(ArmError::Counts { joint: 2, counts: -5.0 }.into()));
+    assert_eq!(refusal(|joint| joint.length_mm = -1.0), Err(ArmError::Length { joint: 2, mm: -1.0 }.into()));
+    let slide = refusal(|joint| joint.kind = Kind::Prismatic { direction_deg: f64::NAN });
+    assert_eq!(slide, not_finite("direction"));
     assert!(Arm::new([Joint::prismatic(0.0, -4.0, 100.0); 3]).is_ok(), "a slide may rest behind its joint");
 }
 
@@ -109,9 +112,12 @@ fn bad_numbers_are_refused_by_joint() {
 fn unreachable_pose_reports_distance() {
     let arm = three_turns();
     let at = |x: f64, y: f64| PlanarPose { position_mm: DVec2::new(x, y), heading_rad: 0.0 };
-    let refusal = |arm: &Arm, x: f64, y: f64| arm.inverse(&at(x, y), Elbow::Up).unwrap_err();
-    assert_eq!(refusal(&arm, 537.0, 0.0), Unreachable::TooFar { by_mm: 7.0 });
-    let Unreachable::TooNear { by_mm } = refusal(&arm, 60.0, 12.0) else { panic!() };
+    let refusal = |arm: &Arm, x: f64, y: f64| match arm.inverse(&at(x, y), Elbow::Up) {
+        Err(CalibrationError::Arm(error)) => error,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(refusal(&arm, 537.0, 0.0), ArmError::TooFar { by_mm: 7.0 });
+    let ArmError::TooNear { by_mm } = refusal(&arm, 60.0, 12.0) else { panic!() };
     assert!((by_mm - 18.0).abs() < 1e-12);
     assert!(refusal(&arm, 537.0, 0.0).to_string().contains("by 7.000 mm"));
     // At full stretch there is one solution.
@@ -119,28 +125,28 @@ fn unreachable_pose_reports_distance() {
     assert_eq!(both[0], both[1]);
     let even =
         Arm::new([Joint::revolute(200.0, 1e4), Joint::revolute(200.0, 1e4), Joint::revolute(50.0, 1e4)]).unwrap();
-    assert_eq!(refusal(&even, 50.0, 0.0), Unreachable::Undetermined { joint: 1 });
+    assert_eq!(refusal(&even, 50.0, 0.0), ArmError::AnyAngle { joint: 1 });
     let slide = |degrees: f64| Joint::prismatic(degrees, 0.0, 100.0);
     let turn = Joint::revolute(50.0, 1e4);
     let stage = |a, b, c| Arm::new([a, b, c]).unwrap();
-    let Unreachable::Parallel { joints: [1, 2], degrees } = refusal(&stage(slide(30.0), slide(0.002), turn), 9.0, 9.0)
+    let ArmError::Parallel { joints: [1, 2], degrees } = refusal(&stage(slide(30.0), slide(0.002), turn), 9.0, 9.0)
     else {
         panic!()
     };
     assert!((degrees - 0.002).abs() < 1e-9);
     assert!(matches!(
         refusal(&stage(slide(0.0), turn, slide(0.0)), 9.0, 9.0),
-        Unreachable::Parallel { joints: [1, 3], .. }
+        ArmError::Parallel { joints: [1, 3], .. }
     ));
     assert!(matches!(
         refusal(&stage(turn, slide(5.0), slide(0.0)), 9.0, 9.0),
-        Unreachable::Parallel { joints: [2, 3], .. }
+        ArmError::Parallel { joints: [2, 3], .. }
     ));
-    assert_eq!(refusal(&stage(slide(0.0), turn, turn), 9.0, 60.0), Unreachable::TooFar { by_mm: 10.0 });
-    assert_eq!(refusal(&stage(turn, slide(90.0), turn), 80.0, 0.0), Unreachable::TooNear { by_mm: 20.0 });
-    let Unreachable::TooFar { by_mm } = refusal(&stage(turn, turn, slide(0.0)), 9.0, 60.0) else { panic!() };
+    assert_eq!(refusal(&stage(slide(0.0), turn, turn), 9.0, 60.0), ArmError::TooFar { by_mm: 10.0 });
+    assert_eq!(refusal(&stage(turn, slide(90.0), turn), 80.0, 0.0), ArmError::TooNear { by_mm: 20.0 });
+    let ArmError::TooFar { by_mm } = refusal(&stage(turn, turn, slide(0.0)), 9.0, 60.0) else { panic!() };
     assert!((by_mm - 10.0).abs() < 1e-12);
-    let Unreachable::Untwisted { degrees } = refusal(&stage(slide(10.0), slide(20.0), slide(30.0)), 0.0, 0.0) else {
+    let ArmError::Untwisted { degrees } = refusal(&stage(slide(10.0), slide(20.0), slide(30.0)), 0.0, 0.0) else {
         panic!()
     };
     assert!((degrees + 60.0).abs() < 1e-9);
@@ -161,9 +167,8 @@ fn pose_out_of_plane_is_refused() {
     for (degrees, mm) in [(0.3, 0.0), (0.0, -0.2), (180.0, 0.0), (f64::NAN, 0.0), (0.0, f64::NAN)] {
         assert!(tilted(degrees, mm).is_err(), "{degrees} {mm}");
     }
-    let error = tilted(0.3, 0.2).unwrap_err();
-    assert!((error.degrees - 0.3).abs() < 1e-9 && (error.mm - 0.2).abs() < 1e-12, "{error}");
-    assert!(error.to_string().contains("0.200 mm out of the arm's plane and is tilted by 0.300°"), "{error}");
+    let Err(CalibrationError::Arm(ArmError::NotPlanar { mm, degrees, .. })) = tilted(0.3, 0.2) else { panic!() };
+    assert!((degrees - 0.3).abs() < 1e-9 && (mm - 0.2).abs() < 1e-12, "{mm} {degrees}");
 }
 
 #[test]
@@ -235,10 +240,10 @@ proptest! {
                     let (mm, rad) = between(&arm.pose(&back), &pose);
                     prop_assert!(mm < 1e-9 && rad < 1e-12, "{} mm, {} rad", mm, rad);
                 }
-                Err(Unreachable::Untwisted { degrees }) => prop_assert!(degrees.abs() < 1e-9),
+                Err(CalibrationError::Arm(ArmError::Untwisted { degrees })) => prop_assert!(degrees.abs() < 1e-9),
                 // A pose of the arm's own is refused at singular places only.
                 Err(why) => prop_assert!(
-                    matches!(why, Unreachable::Parallel { .. } | Unreachable::Undetermined { .. })
+                    matches!(why, CalibrationError::Arm(ArmError::Parallel { .. } | ArmError::AnyAngle { .. }))
                         && arm.condition(&values, 100.0) > 1e3,
                     "{}", why
                 ),
@@ -269,8 +274,8 @@ proptest! {
         let far = PlanarPose { position_mm: pose.position_mm + (2000.0 + off) * DVec2::from_angle(pose.heading_rad + 1.0), ..pose };
         match arm.inverse(&far, Elbow::Up) {
             Ok(back) => prop_assert!(between(&arm.pose(&back), &far).0 < 1e-7),
-            Err(Unreachable::TooFar { by_mm }) => prop_assert!(by_mm > 0.0 && by_mm < 5000.0),
-            Err(why) => prop_assert!(!matches!(why, Unreachable::TooNear { .. }), "{}", why),
+            Err(CalibrationError::Arm(ArmError::TooFar { by_mm })) => prop_assert!(by_mm > 0.0 && by_mm < 5000.0),
+            Err(why) => prop_assert!(!matches!(why, CalibrationError::Arm(ArmError::TooNear { .. })), "{}", why),
         }
     }
 

@@ -36,6 +36,7 @@ use sonoweave_core::keys::{Entry, FileError, Table};
 use sonoweave_core::region::{ClipRect, Fan};
 
 use super::{clip, fan, line, matrix_text};
+use crate::error::PresetError;
 
 /// Relative tolerance of ruler scales; reading two marks to a pixel each is less exact.
 const SAME_RULER: f64 = 0.01;
@@ -129,51 +130,21 @@ impl Ruler {
     }
 }
 
-/// Reasons why a preset does not fit the scanner's settings.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Misfit {
-    /// The images have another size.
-    #[error(
-        "the preset \"{name}\" is of pictures of {}×{} pixels, and these have {}×{}: choose another preset, or set the scanner and the grabber as they were when it was made",
-        expected[0], expected[1], found[0], found[1]
-    )]
-    Size {
-        /// Name of the preset.
-        name: String,
-        /// Image size of the preset, pixels.
-        expected: [u32; 2],
-        /// Size of the incoming frames, pixels.
-        found: [u32; 2],
-    },
-    /// The depth or zoom differs.
-    #[error(
-        "the preset \"{name}\" is of pictures whose ruler has {expected:.4} mm a pixel, and the scanner's has {found:.4}: choose the preset of this depth, or set the depth and zoom as they were"
-    )]
-    Ruler {
-        /// Name of the preset.
-        name: String,
-        /// Scale of the preset's images, mm per pixel.
-        expected: f64,
-        /// Scale of the incoming frames, mm per pixel.
-        found: f64,
-    },
-}
-
 impl Preset {
     /// Compares the scanner's settings, as far as they are known, with those of the preset.
     ///
     /// # Errors
-    /// [`Misfit`]: the preset must not be used.
-    pub fn fits(&self, picture_px: Option<[u32; 2]>, ruler: Option<Ruler>) -> Result<(), Misfit> {
+    /// [`PresetError`]: the preset must not be used.
+    pub fn fits(&self, picture_px: Option<[u32; 2]>, ruler: Option<Ruler>) -> Result<(), PresetError> {
         if let (Some(expected), Some(found)) = (self.picture_px, picture_px)
             && expected != found
         {
-            return Err(Misfit::Size { name: self.name.clone(), expected, found });
+            return Err(PresetError::Size { name: self.name.clone(), expected, found });
         }
         if let (Some(own), Some(other)) = (self.ruler, ruler) {
             let [expected, found] = [own, other].map(|ruler| ruler.pixel_mm());
             if (found / expected - 1.0).abs() > SAME_RULER {
-                return Err(Misfit::Ruler { name: self.name.clone(), expected, found });
+                return Err(PresetError::Ruler { name: self.name.clone(), expected, found });
             }
         }
         Ok(())
@@ -186,10 +157,10 @@ impl Preset {
         let age = today.days_since(made);
         if age > days {
             return Some(format!(
-                "the preset \"{name}\" was made {age} days ago ({made}): sensors shift and cables age; calibrate the probe anew, or check it"
+                "the preset \"{name}\" was made {age} days ago ({made}), and sensors shift with time; check the probe, or calibrate it anew"
             ));
         }
-        (age < -1).then(|| format!("the preset \"{name}\" was made on {made}, and this machine's clock says {today}: one of the two is wrong"))
+        (age < -1).then(|| format!("the preset \"{name}\" was made on {made}, but this machine's clock says {today}; correct the one that is wrong"))
     }
 
     pub(super) fn read(entry: &Entry<'_>) -> Result<Self, FileError> {
@@ -207,7 +178,7 @@ impl Preset {
         ])?;
         let name = table.need("name")?;
         if name.text()?.trim().is_empty() {
-            return Err(name.error("must not be empty: presets are chosen by their names"));
+            return Err(name.error("must not be empty, as presets are chosen by their names"));
         }
         let matrix = table.need("image_to_probe")?;
         let probe_from_image = Transform::from_rows(&matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))?;
@@ -282,7 +253,7 @@ fn size(entry: &Entry<'_>) -> Result<[u32; 2], FileError> {
     let sides = entry.items("width and height in pixels")?;
     let [width, height] = &sides[..] else { return Err(entry.error("must hold width and height")) };
     let size = [width.whole()?, height.whole()?];
-    if size.contains(&0) { Err(entry.error("pictures have a pixel at least")) } else { Ok(size) }
+    if size.contains(&0) { Err(entry.error("must be 1 or more pixels along each side")) } else { Ok(size) }
 }
 
 fn quality(entry: &Entry<'_>) -> Result<Quality, FileError> {
@@ -364,10 +335,10 @@ mod tests {
         let own = preset();
         assert_eq!(own.fits(None, None), Ok(()));
         assert_eq!(own.fits(Some([820, 616]), Ruler::new(256.0, 20.1)), Ok(()));
-        let said = own.fits(Some([640, 480]), None).unwrap_err().to_string();
-        assert!(said.contains("820×616 pixels, and these have 640×480"), "{said}");
+        let size = own.fits(Some([640, 480]), None);
+        assert!(matches!(size, Err(PresetError::Size { expected: [820, 616], found: [640, 480], .. })), "{size:?}");
         let said = own.fits(None, Ruler::new(256.0, 30.0)).unwrap_err().to_string();
-        assert!(said.contains("0.0781 mm a pixel, and the scanner's has 0.1172"), "{said}");
+        assert!(said.contains("0.0781 mm a pixel, but the scanner's has 0.1172"), "{said}");
         let of_any = Preset { picture_px: None, ruler: None, ..own };
         assert_eq!(of_any.fits(Some([1, 1]), Ruler::new(1.0, 1.0)), Ok(()));
     }

@@ -183,7 +183,7 @@ fn bad_arm_is_refused_by_joint_and_line() {
             "arm.joint[1].counts_per_turn (line 15): is not for a joint of this type; give counts_per_mm",
         ),
         ("counts_per_turn = 40000.0\n", "", "arm.joint[0].counts_per_turn (line 4): is missing"),
-        ("counts_per_turn = 40000.0", "counts_per_turn = 0", "arm (line 4): joint 1 of 3: 0 counts a turn"),
+        ("counts_per_turn = 40000.0", "counts_per_turn = 0", "arm (line 4): joint 1 has 0 counts a turn"),
         (
             "length_mm = 250.0",
             "length_mm = 250.0\ndirection_deg = 3",
@@ -268,10 +268,13 @@ fn preset_is_chosen_by_name_or_if_alone() {
         (two.probe_from_image.unwrap().affine().matrix3.x_axis.x, two.clip),
         (0.2, ClipRect::new(1, 2, 30, 40).ok())
     );
-    let said = both().choose(None).unwrap_err().to_string();
-    assert!(said.contains("there are \"near\", \"far\""), "{said}");
-    assert!(both().choose(Some("deep")).unwrap_err().to_string().contains("no preset \"deep\""));
-    assert!(CalibrationFile::default().choose(Some("deep")).unwrap_err().to_string().contains("the file has none"));
+    let known = vec!["near".to_owned(), "far".to_owned()];
+    assert_eq!(both().choose(None), Err(PresetError::Unnamed { known: known.clone() }));
+    let unknown = PresetError::Unknown { name: "deep".into(), known };
+    assert_eq!(unknown.to_string(), "there is no preset \"deep\"; there are \"near\", \"far\"");
+    assert_eq!(both().choose(Some("deep")), Err(unknown));
+    let none = PresetError::Unknown { name: "deep".into(), known: Vec::new() };
+    assert_eq!(CalibrationFile::default().choose(Some("deep")), Err(none));
     // A file's own `image_to_probe` counts until a preset is requested by name.
     let mut own = CalibrationFile { probe_from_image: Some(Transform::IDENTITY), ..both() };
     assert_eq!(own.choose(None).unwrap(), None);

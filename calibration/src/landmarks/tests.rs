@@ -3,6 +3,7 @@
 #![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
 use super::*;
+use crate::error::LandmarksError;
 use crate::least_squares::check_jacobian;
 use crate::noise::{Noise, mahalanobis};
 
@@ -103,8 +104,11 @@ fn found(readings: &[Reading]) -> Registered {
     register(readings, TIP, &landmarks(&places()), &Settings::default()).expect("a registration")
 }
 
-fn refused(readings: &[Reading], places: &[DVec3]) -> String {
-    register(readings, TIP, &landmarks(places), &Settings::default()).expect_err("none").to_string()
+fn refused(readings: &[Reading], places: &[DVec3]) -> LandmarksError {
+    match register(readings, TIP, &landmarks(places), &Settings::default()) {
+        Err(CalibrationError::Landmarks(error)) => error,
+        other => panic!("{other:?}"),
+    }
 }
 
 /// Returns the largest error of a landmark, mm.
@@ -192,7 +196,7 @@ fn symmetric_landmarks_need_file_order() {
     let apart = |p: &DVec3| registered.reference_from_phantom.point(*p).distance(truth().transform_point3(*p));
     assert!(places.iter().all(|p| apart(p) < 0.5));
     assert!(registered.by_order);
-    assert_eq!(register(&[0, 2, 1, 3]).unwrap_err(), LandmarksError::Symmetric);
+    assert_eq!(register(&[0, 2, 1, 3]).unwrap_err(), LandmarksError::Symmetric.into());
 }
 
 #[test]
@@ -201,14 +205,13 @@ fn wrong_phantom_or_readings_are_refused() {
     let readings = all(4, (0.1, 0.05));
 
     let mirrored: Vec<DVec3> = places.iter().map(|p| DVec3::new(p.x, -p.y, p.z)).collect();
-    let error = refused(&readings, &mirrored);
-    assert!(error.starts_with("the mirror image of the phantom fits (7 of 7 landmarks)"), "{error}");
+    assert_eq!(refused(&readings, &mirrored), LandmarksError::Mirrored { matched: 7, landmarks: 7 });
 
     for (factor, said) in [
         (10.0, "divided by 10.0000: they were converted from cm to mm twice"),
-        (25.4, "divided by 25.4000: they are in mm where inches"),
-        (0.1, "divided by 0.1000: they are in cm; mm are wanted"),
-        (1.0 / 25.4, "divided by 0.0394: they are in inches"),
+        (25.4, "divided by 25.4000: they are in mm instead of inches, or were converted twice from inches"),
+        (0.1, "divided by 0.1000: they are in cm; give mm"),
+        (1.0 / 25.4, "divided by 0.0394: they are in inches; give mm"),
     ] {
         let scaled: Vec<Reading> = readings
             .iter()
@@ -219,23 +222,23 @@ fn wrong_phantom_or_readings_are_refused() {
             })
             .collect();
         let error = refused(&scaled, &places);
-        assert!(error.starts_with("the tracker's positions fit once") && error.contains(said), "{error}");
+        assert_eq!(error.to_string(), format!("the tracker's positions fit if {said}"));
         let scaled: Vec<DVec3> = places.iter().map(|p| *p * factor).collect();
         let error = refused(&readings, &scaled);
-        assert!(error.starts_with("the phantom's landmarks fit once") && error.contains(said), "{error}");
+        assert!(matches!(error, LandmarksError::Units { what: "the phantom's landmarks", .. }), "{error}");
     }
 
     let other: Vec<DVec3> = places.iter().map(|p| DVec3::new(1.3 * p.x, p.y - 0.4 * p.x, 1.7 * p.z + 9.0)).collect();
     let error = refused(&readings, &other);
-    assert!(error.contains("landmarks are where the tip rested, and 4 are needed: it rested 7 times"), "{error}");
+    assert!(matches!(error, LandmarksError::NoMatch { rests: 7, wanted: 4, .. }), "{error}");
     // The tip of another stylus never rests.
     let error = register(&readings, DVec3::new(0.0, 60.0, 30.0), &landmarks(&places), &Settings::default());
-    assert!(error.unwrap_err().to_string().contains("the stylus's tip is of another stylus"));
+    assert!(matches!(error, Err(CalibrationError::Landmarks(LandmarksError::NoMatch { .. }))), "{error:?}");
 
-    assert!(refused(&readings, &places[..2]).starts_with("the phantom has 2 landmarks; three"));
+    assert_eq!(refused(&readings, &places[..2]), LandmarksError::TooFew { landmarks: 2 });
     let line: Vec<DVec3> = (0..5).map(|i| DVec3::new(f64::from(i) * 20.0, 3.0, 1.0)).collect();
-    assert!(refused(&readings, &line).contains("all on one line"));
-    assert!(refused(&readings[..2], &places).starts_with("2 usable readings"));
+    assert_eq!(refused(&readings, &line), LandmarksError::OnALine);
+    assert_eq!(refused(&readings[..2], &places), LandmarksError::NoReadings { readings: 2 });
 
     // Four landmarks in a corner, with holes slightly displaced from the file.
     let mut near: Vec<DVec3> =
@@ -245,10 +248,7 @@ fn wrong_phantom_or_readings_are_refused() {
     near.push(DVec3::new(400.0, 300.0, 200.0));
     near[2].x += 1.2;
     let error = refused(&hand.readings, &near);
-    assert!(
-        error.starts_with("4 of 5 landmarks say where the phantom is to") && error.contains("far apart"),
-        "{error}"
-    );
+    assert!(matches!(error, LandmarksError::Uncertain { touched: 4, landmarks: 5, .. }), "{error}");
 
     // Three of the holes are displaced, but not as far as in another phantom.
     let mut worn = places.clone();
@@ -256,7 +256,7 @@ fn wrong_phantom_or_readings_are_refused() {
         place.x += by;
     }
     let error = refused(&readings, &worn);
-    assert!(error.contains("more than the limit of 1.5 mm"), "{error}");
+    assert!(matches!(error, LandmarksError::Limit { limit_mm: 1.5, .. }), "{error}");
 }
 
 #[test]

@@ -14,6 +14,7 @@
 use super::long_run::variance_of_sum;
 use super::robust::{Biweight, deviation_about_zero};
 use super::track::Track;
+use crate::error::LatencyError;
 use crate::statistics::median;
 
 /// A frame's value and time.
@@ -64,70 +65,6 @@ pub struct Alignment {
     pub curve: Vec<(f64, f64)>,
 }
 
-/// Reasons why there is no lag.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoLag {
-    /// At no lag do enough frames lie between poses.
-    #[error(
-        "of {all} frames at most {most} lie between poses, and {least} are needed: the frames are from {:.3} to {:.3} s, the poses from {:.3} to {:.3} s; are the stamps of one clock, and in seconds?",
-        frames_s[0], frames_s[1], poses_s[0], poses_s[1]
-    )]
-    NoOverlap {
-        /// Number of frames.
-        all: usize,
-        /// Number of frames between poses at the best lag.
-        most: usize,
-        /// Number of frames required.
-        least: usize,
-        /// First and last frame, s.
-        frames_s: [f64; 2],
-        /// First and last pose, s; NaN if there are none.
-        poses_s: [f64; 2],
-    },
-    /// The values are constant.
-    #[error("the values of all frames are the same: nothing moves in the pictures")]
-    Constant,
-    /// The values do not follow these motions.
-    #[error(
-        "at no lag do the poses explain what moves in the pictures: {:.0} % of it is left; are both of the same session, and does nothing else move?",
-        100.0 * left
-    )]
-    Unrelated {
-        /// Share of the values' deviation that remains.
-        left: f64,
-    },
-    /// Two lags fit equally well.
-    #[error(
-        "{:.1} ms and {:.1} ms agree as well as each other (residuals {:.3} and {:.3}), as the motion is too even: move unevenly, or narrow the range of lags",
-        1e3 * lags_s[0], 1e3 * lags_s[1], residuals[0], residuals[1]
-    )]
-    Ambiguous {
-        /// The lags, the better one first, s.
-        lags_s: [f64; 2],
-        /// Their residuals.
-        residuals: [f64; 2],
-    },
-    /// The best lag is at an end of the range, or beyond.
-    #[error("the lag would be {:.1} ms, at the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
-    AtEdge {
-        /// The lag, s.
-        lag_s: f64,
-        /// The range, s.
-        range_s: f64,
-    },
-    /// The lag is too inaccurate to be useful.
-    #[error(
-        "the lag would be {:.1} ± {:.1} ms, which is no better known than before: move farther and faster, for longer",
-        1e3 * lag_s, 1e3 * se_s
-    )]
-    Unsure {
-        /// The lag, s.
-        lag_s: f64,
-        /// Its standard error, s.
-        se_s: f64,
-    },
-}
-
 /// Minimum number of frames for a valid standard error.
 pub const LEAST_FRAMES: usize = 30;
 /// Step of the coarse search, as a share of the motion's time scale: the time in which a sine
@@ -149,12 +86,12 @@ const CONVERGED_S: f64 = 1e-10;
 /// Returns the lag of a track's numbers behind the values.
 ///
 /// # Errors
-/// [`NoLag`] if the signals determine no lag.
+/// [`LatencyError`] if the signals determine no lag.
 pub fn align<const N: usize>(
     values: &[Observation],
     track: &Track<N>,
     options: &AlignOptions,
-) -> Result<Alignment, NoLag> {
+) -> Result<Alignment, LatencyError> {
     let problem = Problem { values, track };
     let range_s = options.range_s;
     let step_s = problem.coarse_step(range_s)?;
@@ -178,13 +115,13 @@ pub fn align<const N: usize>(
     minima.truncate(4);
     let mut fits: Vec<Fit> = minima.iter().filter_map(|(lag, _)| problem.refine(*lag, 2.0 * step_s)).collect();
     fits.sort_by(|a, b| a.scale.total_cmp(&b.scale));
-    let Some(best) = fits.first() else { return Err(NoLag::Constant) };
+    let Some(best) = fits.first() else { return Err(LatencyError::Constant) };
     if !(best.lag_s.abs() < range_s - 0.5 * step_s) {
-        return Err(NoLag::AtEdge { lag_s: best.lag_s, range_s });
+        return Err(LatencyError::AtEdge { lag_s: best.lag_s, range_s });
     }
     let left = best.scale / problem.deviation();
     if !(left < EXPLAINED) {
-        return Err(NoLag::Unrelated { left });
+        return Err(LatencyError::Unrelated { left });
     }
     let apart = |fit: &&Fit| fit.lag_s.abs() < range_s && (fit.lag_s - best.lag_s).abs() > step_s;
     if let Some(rival) = fits[1..].iter().find(apart) {
@@ -192,11 +129,11 @@ pub fn align<const N: usize>(
         let sure = (DISTINCT / best.independent.sqrt()).exp();
         if !(rival.scale > sure * best.scale) {
             let (lags_s, residuals) = ([best.lag_s, rival.lag_s], [best.scale, rival.scale]);
-            return Err(NoLag::Ambiguous { lags_s, residuals });
+            return Err(LatencyError::Ambiguous { lags_s, residuals });
         }
     }
     if !(best.se_s < KNOWN * range_s) {
-        return Err(NoLag::Unsure { lag_s: best.lag_s, se_s: best.se_s });
+        return Err(LatencyError::Unsure { lag_s: best.lag_s, se_s: best.se_s });
     }
     Ok(Alignment {
         lag_s: best.lag_s,
@@ -238,13 +175,13 @@ impl<const N: usize> Problem<'_, N> {
         values.iter().map(|x| (x - middle).abs()).sum::<f64>() / values.len().max(1) as f64
     }
 
-    fn no_overlap(&self, lags: &[f64]) -> NoLag {
+    fn no_overlap(&self, lags: &[f64]) -> LatencyError {
         let times = || self.values.iter().map(|frame| frame.time_s);
         let frames_s = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
         let between = |lag: &f64| times().filter(|t| self.track.at(t + lag).is_some()).count();
         let most = lags.iter().map(between).max().unwrap_or(0);
         let poses_s = self.track.span_s().unwrap_or([f64::NAN; 2]);
-        NoLag::NoOverlap { all: self.values.len(), most, least: self.least(), frames_s, poses_s }
+        LatencyError::NoOverlap { all: self.values.len(), most, least: self.least(), frames_s, poses_s }
     }
 
     /// Returns the number of frames that must lie between poses.
@@ -254,7 +191,7 @@ impl<const N: usize> Problem<'_, N> {
 
     /// Returns a step so small that the motion between two steps stays within the reach of the
     /// refinement.
-    fn coarse_step(&self, range_s: f64) -> Result<f64, NoLag> {
+    fn coarse_step(&self, range_s: f64) -> Result<f64, LatencyError> {
         let (mut places, mut speeds): (Vec<f64>, Vec<f64>) = self
             .track
             .samples()
@@ -267,7 +204,7 @@ impl<const N: usize> Problem<'_, N> {
             return Err(self.no_overlap(&[0.0]));
         }
         if !(self.deviation() > 0.0 && square > 0.0 && speed > 0.0) {
-            return Err(NoLag::Constant);
+            return Err(LatencyError::Constant);
         }
         Ok((COARSE * (square / speed).sqrt()).clamp(1e-4, 0.25 * range_s))
     }

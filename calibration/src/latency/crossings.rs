@@ -16,6 +16,7 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::poses::Poses;
+use crate::error::{CalibrationError, LatencyError};
 use crate::statistics::median;
 
 /// Images of a scan, of one size, u fastest. They are reduced and smoothed, so that all fit in
@@ -32,55 +33,6 @@ pub struct Slices {
     /// Maps pixels of the reduced images to mm at the probe.
     probe_from_pixel: DAffine3,
     poses: Poses,
-}
-
-/// Reasons why there is no lag.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoCrossings {
-    /// Hardly any planes cross within the data.
-    #[error(
-        "{crossings} pairs of {slices} slices cross at an angle within the picture, and {least} are needed: sweep the same place twice, in directions across each other"
-    )]
-    TooFew {
-        /// Number of slices.
-        slices: usize,
-        /// Crossings found.
-        crossings: usize,
-        /// Crossings needed.
-        least: usize,
-    },
-    /// The crossing slices were acquired at the same motion.
-    #[error(
-        "where slices cross, the probe moved by {mm:.2} mm from one to the other within ±{:.0} ms, less than {least_mm:.2} mm can show: sweep faster, or in other directions",
-        1e3 * range_s
-    )]
-    TooSlow {
-        /// Median displacement between crossing slices, mm.
-        mm: f64,
-        /// Smallest detectable displacement, mm.
-        least_mm: f64,
-        /// The range of lags, s.
-        range_s: f64,
-    },
-    /// The slices agree at no lag.
-    #[error(
-        "where slices cross they agree no better at one lag than at another; is the calibration this probe's, and does nothing move in the body?"
-    )]
-    Unrelated,
-    /// Two lags fit equally well.
-    #[error("slices agree as well at {:.1} ms as at {:.1} ms; narrow the range of lags", 1e3 * lags_s[0], 1e3 * lags_s[1])]
-    Ambiguous {
-        /// The lags, the better one first, s.
-        lags_s: [f64; 2],
-    },
-    /// The best lag is at an end of the range.
-    #[error("slices agree best at {:.1} ms, the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
-    AtEdge {
-        /// The lag, s.
-        lag_s: f64,
-        /// The range, s.
-        range_s: f64,
-    },
 }
 
 /// A lag and its accuracy.
@@ -261,7 +213,7 @@ impl Slices {
     }
 
     /// Selects useful crossings: long ones of slices acquired at different motions.
-    fn crossings(&self, range_s: f64) -> Result<Vec<[usize; 2]>, NoCrossings> {
+    fn crossings(&self, range_s: f64) -> Result<Vec<[usize; 2]>, LatencyError> {
         let n = self.pixels.len();
         let placed: Vec<Option<DAffine3>> = (0..n)
             .map(|i| {
@@ -294,7 +246,7 @@ impl Slices {
             }
         }
         if found.len() < LEAST_CROSSINGS {
-            return Err(NoCrossings::TooFew { slices: n, crossings: found.len(), least: LEAST_CROSSINGS });
+            return Err(LatencyError::FewCrossings { slices: n, crossings: found.len(), least: LEAST_CROSSINGS });
         }
         // The most informative first; a stable sort makes the choice the same on every machine.
         found.sort_by(|a, b| (b.0 * b.1).total_cmp(&(a.0 * a.1)));
@@ -310,10 +262,10 @@ impl Slices {
         }
         let (mm, least_mm) = (median(&mut speeds) * range_s, self.pixel_mm());
         if chosen.len() < LEAST_CROSSINGS {
-            return Err(NoCrossings::TooFew { slices: n, crossings: chosen.len(), least: LEAST_CROSSINGS });
+            return Err(LatencyError::FewCrossings { slices: n, crossings: chosen.len(), least: LEAST_CROSSINGS });
         }
         if !(mm > least_mm) {
-            return Err(NoCrossings::TooSlow { mm, least_mm, range_s });
+            return Err(LatencyError::TooSlow { mm, least_mm, range_s });
         }
         Ok(chosen)
     }
@@ -363,8 +315,8 @@ impl Slices {
     /// Returns the lag within ±range at which slices agree best along their intersections.
     ///
     /// # Errors
-    /// [`NoCrossings`] if the slices determine no lag.
-    pub fn lag(&self, range_s: f64) -> Result<Agreement, NoCrossings> {
+    /// [`CalibrationError::Latency`] if the slices determine no lag.
+    pub fn lag(&self, range_s: f64) -> Result<Agreement, CalibrationError> {
         let crossings = self.crossings(range_s)?;
         let steps = (range_s / COARSE_S).ceil().max(3.0) as i32;
         let lags: Vec<f64> = (-steps..=steps).map(|k| range_s * f64::from(k) / f64::from(steps)).collect();
@@ -374,10 +326,10 @@ impl Slices {
         let totals: Vec<f64> = coarse.iter().map(|costs| costs.iter().sum()).collect();
         let curve: Vec<(f64, f64)> = lags.iter().copied().zip(totals.iter().copied()).collect();
         let Some(best) = (0..lags.len()).min_by(|a, b| totals[*a].total_cmp(&totals[*b])) else {
-            return Err(NoCrossings::Unrelated);
+            return Err(LatencyError::SlicesUnrelated.into());
         };
         if best == 0 || best + 1 == lags.len() {
-            return Err(NoCrossings::AtEdge { lag_s: lags[best], range_s });
+            return Err(LatencyError::AtEdge { lag_s: lags[best], range_s }.into());
         }
         // The best lag must beat distant ones by more than the stretches of the scan vary.
         let sure = |other: &[f64]| {
@@ -395,14 +347,14 @@ impl Slices {
             .map(|k| coarse.iter().map(|costs| costs[k]).sum::<f64>() / coarse.len() as f64)
             .collect();
         if !sure(&middle) {
-            return Err(NoCrossings::Unrelated);
+            return Err(LatencyError::SlicesUnrelated.into());
         }
         let is_minimum = |k: usize| totals[k] < totals[k - 1] && totals[k] <= totals[k + 1];
         let rivals = (1..lags.len() - 1).filter(|k| k.abs_diff(best) > 2 && is_minimum(*k));
         if let Some(rival) = rivals.min_by(|a, b| totals[*a].total_cmp(&totals[*b]))
             && !sure(&coarse[rival])
         {
-            return Err(NoCrossings::Ambiguous { lags_s: [lags[best], lags[rival]] });
+            return Err(LatencyError::SlicesAmbiguous { lags_s: [lags[best], lags[rival]] }.into());
         }
         let (lag_s, se_s) = self.refine(&crossings, &stretches, lags[best]);
         let correlation =

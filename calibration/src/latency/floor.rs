@@ -4,11 +4,11 @@
 use glam::{DQuat, DVec2, DVec3};
 use serde::Serialize;
 
-use super::align::{AlignOptions, Alignment, LEAST_FRAMES, NoLag, Observation, align};
+use super::align::{AlignOptions, Alignment, LEAST_FRAMES, Observation, align};
 use super::line::{Line, NoLine};
 use super::motion::{Motion, PoseSample};
 use super::stamps::{Reading, Stamps, wander};
-use super::track::NotFinite;
+use crate::error::{CalibrationError, LatencyError};
 use crate::statistics::median;
 
 /// A frame's line, and its times.
@@ -76,88 +76,6 @@ pub struct FloorLag {
     pub values: Vec<(f64, f64)>,
 }
 
-/// Reasons why there is no lag.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoFloorLag {
-    /// A pose contains NaN or infinity.
-    #[error("pose {}: holds NaN or infinity", .0.index)]
-    NotFinite(NotFinite),
-    /// Too few frames show a floor.
-    #[error(
-        "of {frames} pictures {lines} show the line of a floor, and {least} are needed: in {nothing} nothing moves, in {scattered} what moves lies on no line; hold the probe above the floor of a water tank, and move it up and down"
-    )]
-    NoFloor {
-        /// Number of frames.
-        frames: usize,
-        /// Number of frames with a line.
-        lines: usize,
-        /// Number of lines required.
-        least: usize,
-        /// Number of frames in which nothing moves.
-        nothing: usize,
-        /// Number of frames in which the moving pixels form no line.
-        scattered: usize,
-    },
-    /// The stamps cannot be seconds.
-    #[error("pictures come every {period_s:e} s by their stamps, which are no seconds then; are they ms, or numbers?")]
-    Seconds {
-        /// Period of the frames, s.
-        period_s: f64,
-    },
-    /// The line is static.
-    #[error(
-        "the floor's line moves by {extent_px:.1} px, and by itself it scatters by {scatter_px:.1} px: move the probe up and down, by a third of the picture"
-    )]
-    PictureStill {
-        /// Extent of its motion, px.
-        extent_px: f64,
-        /// Its scatter, px.
-        scatter_px: f64,
-    },
-    /// There are no poses in the video's time.
-    #[error("of {poses} poses none is of the time of the pictures, {:.3} to {:.3} s; are the stamps of one clock, and in seconds?", frames_s[0], frames_s[1])]
-    NoPoses {
-        /// Number of poses.
-        poses: usize,
-        /// First and last frame with a line, s.
-        frames_s: [f64; 2],
-    },
-    /// The tracker is static.
-    #[error(
-        "the tracker moves by {extent_mm:.2} mm, and its noise is {noise_mm:.2} mm: is it this probe's sensor, and was it moved?"
-    )]
-    TrackerStill {
-        /// Extent of its motion, mm.
-        extent_mm: f64,
-        /// Its noise, mm.
-        noise_mm: f64,
-    },
-    /// The probe does not move up and down.
-    #[error("the probe turns round {turns} times, and {least} are needed: move it up and down five times or more")]
-    OneWay {
-        /// Number of its turns.
-        turns: usize,
-        /// Number of turns required.
-        least: usize,
-    },
-    /// The units differ.
-    #[error(
-        "a pixel would be {mm_per_px:.4} mm large by the tracker's motion, where {} is known or possible: are the tracker's positions in mm{hint}?",
-        match .pixel_mm { Some(mm) => format!("{mm:.4} mm"), None => "0.01 to 2 mm".to_owned() }
-    )]
-    Units {
-        /// Pixel size by the tracker, mm.
-        mm_per_px: f64,
-        /// Pixel size by the probe's calibration, mm.
-        pixel_mm: Option<f64>,
-        /// Suggested unit.
-        hint: &'static str,
-    },
-    /// The signals determine no lag.
-    #[error(transparent)]
-    Lag(#[from] NoLag),
-}
-
 /// A motion must exceed its scatter by this factor.
 const BEYOND_NOISE: f64 = 10.0;
 const LEAST_TURNS: usize = 4;
@@ -172,8 +90,12 @@ const ALIKE: f64 = 1.5;
 /// Returns the lag of poses behind the floor's lines.
 ///
 /// # Errors
-/// [`NoFloorLag`] if the recording determines no lag.
-pub fn floor_lag(frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions) -> Result<FloorLag, NoFloorLag> {
+/// [`CalibrationError::Latency`] if the recording determines no lag.
+pub fn floor_lag(
+    frames: &[FloorFrame],
+    poses: &[FloorPose],
+    options: &FloorOptions,
+) -> Result<FloorLag, CalibrationError> {
     let lines: Vec<(usize, Line)> =
         frames.iter().enumerate().filter_map(|(i, frame)| Some((i, frame.line.ok()?))).collect();
     let count = |why: NoLine| frames.iter().filter(|frame| frame.line == Err(why)).count();
@@ -181,19 +103,21 @@ pub fn floor_lag(frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOpti
     let least = LEAST_FRAMES.max(frames.len() / 2);
     if lines.len() < least {
         let [nothing, scattered] = without;
-        return Err(NoFloorLag::NoFloor { frames: frames.len(), lines: lines.len(), least, nothing, scattered });
+        return Err(
+            LatencyError::NoFloor { frames: frames.len(), lines: lines.len(), least, nothing, scattered }.into()
+        );
     }
     let mut periods: Vec<f64> = frames.windows(2).map(|two| two[1].stamps.given_s - two[0].stamps.given_s).collect();
     let period_s = median(&mut periods);
     if !(PERIODS_S[0]..=PERIODS_S[1]).contains(&period_s) {
-        return Err(NoFloorLag::Seconds { period_s });
+        return Err(LatencyError::Seconds { period_s }.into());
     }
     let middle = |of: fn(&Line) -> f64| median(&mut lines.iter().map(|(_, line)| of(line)).collect::<Vec<_>>());
     let reference = DVec2::new(middle(|line| line.point_px.x), middle(|line| line.point_px.y));
     let distances: Vec<f64> = lines.iter().map(|(_, line)| line.below(reference)).collect();
     let (extent_px, scatter_px) = (extent(&distances), middle(|line| line.scatter_px));
     if !(extent_px > BEYOND_NOISE * scatter_px) {
-        return Err(NoFloorLag::PictureStill { extent_px, scatter_px });
+        return Err(LatencyError::PictureStill { extent_px, scatter_px }.into());
     }
     let problem = Problem { frames, poses, lines: &lines, distances: &distances, options };
     problem.solve(without, extent_px)
@@ -215,7 +139,7 @@ struct Way {
 }
 
 impl Problem<'_> {
-    fn solve(&self, without: [usize; 2], extent_px: f64) -> Result<FloorLag, NoFloorLag> {
+    fn solve(&self, without: [usize; 2], extent_px: f64) -> Result<FloorLag, CalibrationError> {
         let of_frames: Vec<Stamps> = self.frames.iter().map(|frame| frame.stamps).collect();
         let of_poses: Vec<Stamps> = self.poses.iter().map(|pose| pose.stamps).collect();
         let ways = self.ways(&of_poses)?;
@@ -245,8 +169,8 @@ impl Problem<'_> {
             }
         }
         let Some((alignment, video, times, way)) = best else {
-            return Err(refused
-                .map_or(NoFloorLag::NoPoses { poses: self.poses.len(), frames_s: self.span_s() }, NoFloorLag::Lag));
+            let none = LatencyError::NoPoses { poses: self.poses.len(), frames_s: self.span_s() };
+            return Err(refused.unwrap_or(none).into());
         };
         let mm_per_px = 1.0 / alignment.gain.abs();
         self.check_units(mm_per_px)?;
@@ -271,7 +195,7 @@ impl Problem<'_> {
     }
 
     /// Returns the tracker's motion in the video's time, for each way to read its stamps.
-    fn ways(&self, stamps: &[Stamps]) -> Result<Vec<Way>, NoFloorLag> {
+    fn ways(&self, stamps: &[Stamps]) -> Result<Vec<Way>, CalibrationError> {
         let [first, last] = self.span_s();
         let reach = 2.0 * self.options.align.range_s;
         let mut ways = Vec::new();
@@ -287,24 +211,24 @@ impl Problem<'_> {
                     position_mm: pose.position_mm,
                 })
                 .collect();
-            let motion = Motion::new(&samples, [first - reach, last + reach]).map_err(NoFloorLag::NotFinite)?;
+            let motion = Motion::new(&samples, [first - reach, last + reach])?;
             let Some(motion) = motion else { continue };
             ways.push(Way { reading, times, motion });
         }
         let Some(Way { motion, .. }) = ways.first() else {
-            return Err(NoFloorLag::NoPoses { poses: self.poses.len(), frames_s: [first, last] });
+            return Err(LatencyError::NoPoses { poses: self.poses.len(), frames_s: [first, last] }.into());
         };
         let Motion { extent_mm, noise_mm, turns, .. } = *motion;
         if !(extent_mm > BEYOND_NOISE * noise_mm) {
-            return Err(NoFloorLag::TrackerStill { extent_mm, noise_mm });
+            return Err(LatencyError::TrackerStill { extent_mm, noise_mm }.into());
         }
         if turns < LEAST_TURNS {
-            return Err(NoFloorLag::OneWay { turns, least: LEAST_TURNS });
+            return Err(LatencyError::OneWay { turns, least: LEAST_TURNS }.into());
         }
         Ok(ways)
     }
 
-    fn check_units(&self, mm_per_px: f64) -> Result<(), NoFloorLag> {
+    fn check_units(&self, mm_per_px: f64) -> Result<(), LatencyError> {
         let pixel_mm = self.options.pixel_mm;
         let is_fit = match pixel_mm {
             Some(mm) => (mm / ALIKE..=mm * ALIKE).contains(&mm_per_px),
@@ -319,7 +243,7 @@ impl Problem<'_> {
                 .into_iter()
                 .min_by(|a, b| (mm_per_px / known / a.0).ln().abs().total_cmp(&(mm_per_px / known / b.0).ln().abs()));
         let hint = nearest.filter(|(by, _)| pixel_mm.is_none() || (mm_per_px / known / by).ln().abs() < ALIKE.ln());
-        Err(NoFloorLag::Units { mm_per_px, pixel_mm, hint: hint.map_or("", |(_, hint)| hint) })
+        Err(LatencyError::Units { mm_per_px, pixel_mm, hint: hint.map_or("", |(_, hint)| hint) })
     }
 }
 

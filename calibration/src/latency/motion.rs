@@ -8,7 +8,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::track::{NotFinite, Track};
+use super::track::Track;
+use crate::error::{CalibrationError, LatencyError};
 
 /// Count of a pose's numbers that are fitted to the line's position.
 pub const COLUMNS: usize = 9;
@@ -55,11 +56,11 @@ impl Motion {
     /// three.
     ///
     /// # Errors
-    /// [`NotFinite`] with the index among all samples.
-    pub fn new(samples: &[PoseSample], [from_s, until_s]: [f64; 2]) -> Result<Option<Self>, NotFinite> {
+    /// [`LatencyError::NotFinite`] with the index among all samples.
+    pub fn new(samples: &[PoseSample], [from_s, until_s]: [f64; 2]) -> Result<Option<Self>, CalibrationError> {
         let is_finite = |s: &PoseSample| s.time_s.is_finite() && s.rotation.is_finite() && s.position_mm.is_finite();
         if let Some(index) = samples.iter().position(|sample| !is_finite(sample)) {
-            return Err(NotFinite { index });
+            return Err(LatencyError::NotFinite { index }.into());
         }
         let within: Vec<&PoseSample> =
             samples.iter().filter(|sample| (from_s..=until_s).contains(&sample.time_s)).collect();

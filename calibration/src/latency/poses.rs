@@ -3,7 +3,8 @@
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::motion::{LONGEST_GAP_S, PoseSample};
-use super::track::{NotFinite, Track};
+use super::track::Track;
+use crate::error::CalibrationError;
 
 /// Poses as a smooth function of time.
 #[derive(Debug, Clone)]
@@ -16,8 +17,8 @@ impl Poses {
     /// Interpolates samples in any order.
     ///
     /// # Errors
-    /// [`NotFinite`] for NaN or infinity.
-    pub fn new(samples: &[PoseSample]) -> Result<Self, NotFinite> {
+    /// [`LatencyError::NotFinite`] for NaN or infinity.
+    pub fn new(samples: &[PoseSample]) -> Result<Self, CalibrationError> {
         let mut sorted: Vec<&PoseSample> = samples.iter().collect();
         sorted.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let mut before = DQuat::IDENTITY;

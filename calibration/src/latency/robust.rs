@@ -1,5 +1,6 @@
 //! Robust standard deviation, and Tukey's weights.
 
+use crate::least_squares::loss::biweight;
 use crate::statistics::median;
 
 /// Factor from the median distance to the standard deviation of a normal distribution.
@@ -28,10 +29,7 @@ impl Biweight {
     pub(super) fn of(residual: f64, scale: f64) -> Self {
         let u = residual / (TUKEY * scale.max(f64::MIN_POSITIVE));
         let rest = 1.0 - u * u;
-        match rest > 0.0 {
-            true => Self { weight: rest * rest, slope: rest * (1.0 - 5.0 * u * u) },
-            false => Self { weight: 0.0, slope: 0.0 },
-        }
+        Self { weight: biweight(u), slope: if rest > 0.0 { rest * (1.0 - 5.0 * u * u) } else { 0.0 } }
     }
 }
 

@@ -1,13 +1,7 @@
 //! Interpolates numbers between uneven samples by natural cubic splines, interrupted at long
 //! gaps.
 
-/// A sample contains NaN or infinity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("sample {index} holds NaN or infinity")]
-pub struct NotFinite {
-    /// Its index among the samples.
-    pub index: usize,
-}
+use crate::error::LatencyError;
 
 /// N numbers as functions of time.
 #[derive(Debug, Clone)]
@@ -29,11 +23,11 @@ impl<const N: usize> Track<N> {
     /// Samples farther apart than `longest_gap_s` are not interpolated.
     ///
     /// # Errors
-    /// [`NotFinite`] for a sample with NaN or infinity.
-    pub fn new(mut samples: Vec<(f64, [f64; N])>, longest_gap_s: f64) -> Result<Self, NotFinite> {
+    /// [`LatencyError`] for a sample with NaN or infinity.
+    pub fn new(mut samples: Vec<(f64, [f64; N])>, longest_gap_s: f64) -> Result<Self, LatencyError> {
         let is_finite = |(time, values): &(f64, [f64; N])| time.is_finite() && values.iter().all(|x| x.is_finite());
         if let Some(index) = samples.iter().position(|sample| !is_finite(sample)) {
-            return Err(NotFinite { index });
+            return Err(LatencyError::NotFinite { index });
         }
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
         let all = samples.len();
@@ -187,7 +181,7 @@ mod tests {
         let track = Track::new(vec![(1.0, [5.0]), (0.0, [1.0]), (1.0, [2.0]), (2.0, [3.0])], 9.0).unwrap();
         assert_eq!(track.samples().map(|(t, [x])| (t, *x)).collect::<Vec<_>>(), [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]);
         assert_eq!(track.repeated(), 1);
-        assert_eq!(Track::new(vec![(0.0, [f64::NAN])], 1.0).unwrap_err(), NotFinite { index: 0 });
+        assert_eq!(Track::new(vec![(0.0, [f64::NAN])], 1.0).unwrap_err(), LatencyError::NotFinite { index: 0 });
     }
 
     #[test]

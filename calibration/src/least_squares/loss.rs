@@ -68,8 +68,7 @@ impl Law {
             Loss::Quadratic => 1.0,
             Loss::Huber => (k / r).min(1.0),
             Loss::Cauchy => 1.0 / (1.0 + (r / k).powi(2)),
-            Loss::Tukey if r <= k => (1.0 - (r / k).powi(2)).powi(2),
-            Loss::Tukey => 0.0,
+            Loss::Tukey => biweight(r / k),
         }
     }
 
@@ -86,6 +85,11 @@ impl Law {
             Loss::Tukey => 0.0,
         }
     }
+}
+
+/// Returns Tukey's weight of a residual in units of the distance beyond which it is 0.
+pub fn biweight(residual: f64) -> f64 {
+    (1.0 - residual * residual).max(0.0).powi(2)
 }
 
 /// Estimates the standard deviation of residuals' components from the blocks' (number of

@@ -29,6 +29,7 @@ use sonoweave_core::frames::{Phantom, Reference, Transform};
 use sonoweave_core::keys::{Entry, FileError, Source, Table, read_text};
 
 use super::{Geometry, Landmark, Wire};
+use crate::error::{CalibrationError, GeometryError};
 use crate::file::MAX_BYTES;
 
 /// The value of `format`.
@@ -53,11 +54,12 @@ impl Registration {
     /// Takes a transform that is rigid up to printed digits.
     ///
     /// # Errors
-    /// A message without subject: the matrix is no rotation, or the error is invalid.
-    pub fn new(matrix: Transform<Reference, Phantom>, error_mm: Option<f64>) -> Result<Self, String> {
-        let (reference_from_phantom, _) = matrix.nearest_rigid(ROTATION_TOLERANCE).map_err(|e| e.to_string())?;
+    /// [`CalibrationError::Geometry`]: the matrix is no rotation, or the error is invalid.
+    pub fn new(matrix: Transform<Reference, Phantom>, error_mm: Option<f64>) -> Result<Self, CalibrationError> {
+        let rigid = matrix.nearest_rigid(ROTATION_TOLERANCE);
+        let (reference_from_phantom, _) = rigid.map_err(|error| GeometryError::NotRigid(error.to_string()))?;
         if let Some(mm) = error_mm.filter(|mm| !(mm.is_finite() && *mm > 0.0)) {
-            return Err(format!("a registration's error is above 0 mm, not {mm}"));
+            return Err(GeometryError::RegistrationError { mm }.into());
         }
         Ok(Self { reference_from_phantom, error_mm })
     }
@@ -164,7 +166,7 @@ fn registration(entry: &Entry<'_>) -> Result<Registration, FileError> {
     let matrix = table.need("matrix")?;
     let transform = Transform::from_rows(&matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))?;
     let error_mm = table.get("error_mm").map(|entry| entry.number()).transpose()?;
-    Registration::new(transform, error_mm).map_err(|problem| entry.error(problem))
+    Registration::new(transform, error_mm).map_err(|error| entry.error(error.to_string()))
 }
 
 #[cfg(test)]
@@ -201,7 +203,7 @@ mod tests {
             ("[[landmark]]", "[[landmrk]]", "unknown key; did you mean landmark?"),
             ("[20.0, 0.0, 10.0]", "[20.0, 0.0]", "pattern[0].wire[0].from_mm (line 8): must hold 3 numbers, not 2"),
             ("name = \"1b\"", "name = \"1a\"", "two wires are called 1a"),
-            ("error_mm = 0.4", "error_mm = -1", "a registration's error is above 0 mm, not -1"),
+            ("error_mm = 0.4", "error_mm = -1", "the registration's error is -1 mm; give a number above 0"),
             ("sonoweave-phantom", "sonoweave-calibration", "format (line 1): must be \"sonoweave-phantom\""),
             ("version = 1", "version = 2", "version (line 2): this program reads version 1"),
             ("-1.0, 9.6", "1.0, 9.6", "the pose mirrors"),

@@ -8,6 +8,7 @@
 use glam::{DVec2, DVec3};
 
 use super::{Geometry, Landmark, Wire};
+use crate::error::{CalibrationError, GeometryError};
 
 /// Largest distance of a wire's end from its plate, mm: the accuracy of drilling.
 const OFF_MM: f64 = 0.1;
@@ -55,8 +56,8 @@ impl Plates {
     /// Computes the plates of a phantom.
     ///
     /// # Errors
-    /// [`NoPlates`]: its wires are arranged otherwise.
-    pub fn of(geometry: &Geometry) -> Result<Self, NoPlates> {
+    /// [`GeometryError`]: its wires are arranged otherwise.
+    pub fn of(geometry: &Geometry) -> Result<Self, CalibrationError> {
         let view = View::of(geometry)?;
         let wires = geometry.wires();
         let first = &wires[geometry.nwires()[0].outer[0]];
@@ -72,7 +73,9 @@ impl Plates {
             let off = view.levels(wire).into_iter().zip(levels).map(|(end, level)| (end - level).abs());
             let off_mm = off.fold(0.0, f64::max);
             if off_mm > OFF_MM {
-                return Err(NoPlates::Off { wire: wire.name.clone(), mm: off_mm, first: first.name.clone() });
+                return Err(
+                    GeometryError::Off { wire: wire.name.clone(), mm: off_mm, first: first.name.clone() }.into()
+                );
             }
             let holes = [0, 1].map(|plate| found.plates[plate].hole(view.across(ends[plate])));
             found.wires.push(holes);
@@ -128,9 +131,9 @@ struct View {
 }
 
 impl View {
-    fn of(geometry: &Geometry) -> Result<Self, NoPlates> {
+    fn of(geometry: &Geometry) -> Result<Self, GeometryError> {
         let ns = geometry.nwires();
-        let (Some(first), Some(last)) = (ns.first(), ns.last()) else { return Err(NoPlates::NoN) };
+        let (Some(first), Some(last)) = (ns.first(), ns.last()) else { return Err(GeometryError::NoN) };
         let wires = geometry.wires();
         let middle = |wire: usize| 0.5 * (wires[wire].ends_mm[0] + wires[wire].ends_mm[1]);
         let along = wires[first.outer[0]].direction();
@@ -141,7 +144,7 @@ impl View {
             .into_iter()
             .reduce(|a, b| a - b)
             .unwrap_or_default();
-        let up = upwards.reject_from(along).reject_from_normalized(right).try_normalize().ok_or(NoPlates::Flat)?;
+        let up = upwards.reject_from(along).reject_from_normalized(right).try_normalize().ok_or(GeometryError::Flat)?;
         Ok(Self { right, up, away: up.cross(right) })
     }
 
@@ -161,29 +164,6 @@ impl View {
     }
 }
 
-/// Reasons why a phantom does not consist of two plates.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoPlates {
-    /// No three wires make an N.
-    #[error("no three of its wires make an N (two parallel wires and one aslant between them, in one plane)")]
-    NoN,
-    /// The N's do not lie one above the other.
-    #[error("its N's lie in one plane, so that nothing says which way is up; N's one above the other are drawn")]
-    Flat,
-    /// A wire ends elsewhere.
-    #[error(
-        "the wire {wire} ends {mm:.2} mm off the plates between which {first} runs at right angles; only wires between two parallel plates are drawn"
-    )]
-    Off {
-        /// Name of the wire.
-        wire: String,
-        /// Distance of its end from the plate, mm.
-        mm: f64,
-        /// The wire that defines the plates' positions.
-        first: String,
-    },
-}
-
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DQuat};
@@ -191,7 +171,7 @@ mod tests {
     use super::super::tests::three_ns;
     use super::*;
 
-    fn changed(map: DAffine3, change: impl Fn(&mut Vec<Wire>)) -> Result<Plates, NoPlates> {
+    fn changed(map: DAffine3, change: impl Fn(&mut Vec<Wire>)) -> Result<Plates, CalibrationError> {
         let phantom = three_ns();
         let mut wires = phantom.wires().to_vec();
         change(&mut wires);
@@ -245,12 +225,13 @@ mod tests {
     fn holes_are_shared_and_other_phantoms_refused() {
         let shared = changed(DAffine3::IDENTITY, |w| w[1].ends_mm[0].x = 45.0).unwrap();
         assert_eq!((shared.plates[0].holes.len(), shared.plates[1].holes.len()), (9, 8));
-        let off = changed(DAffine3::IDENTITY, |w| w[5].ends_mm[1].y = 39.5).unwrap_err().to_string();
-        assert!(off.contains("the wire 2c ends 0.50 mm off the plates between which 1a runs"), "{off}");
+        let off = changed(DAffine3::IDENTITY, |w| w[5].ends_mm[1].y = 39.5).unwrap_err();
+        let CalibrationError::Geometry(GeometryError::Off { wire, mm, first }) = off else { panic!("{off}") };
+        assert_eq!((wire.as_str(), format!("{mm:.2}").as_str(), first.as_str()), ("2c", "0.50", "1a"));
         let flat =
             changed(DAffine3::IDENTITY, |w| w.iter_mut().for_each(|w| w.ends_mm.iter_mut().for_each(|e| e.z = 0.0)));
-        assert_eq!(flat, Err(NoPlates::Flat));
+        assert_eq!(flat, Err(GeometryError::Flat.into()));
         let none = Geometry::new("", vec![three_ns().wires()[..2].to_vec()], Vec::new()).unwrap();
-        assert_eq!(Plates::of(&none), Err(NoPlates::NoN));
+        assert_eq!(Plates::of(&none), Err(GeometryError::NoN.into()));
     }
 }

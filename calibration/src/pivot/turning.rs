@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use super::PivotError;
+use crate::error::PivotError;
 
 /// Spread of a stylus's directions. The poses determine the tip along a direction of the
 /// sensor's frame only as far as this direction turned.

@@ -4,17 +4,17 @@ use glam::{DAffine3, DVec2};
 
 use sonoweave_core::frames::{Phantom, Reference, Transform};
 
-use super::dots::Dot;
 use super::errors::{Errors, Evidence};
 use super::layout::Layout;
 use super::linear::{Start, start};
 use super::matching::{Match, Matcher, Reading};
 use super::plane::ImagePlane;
+use super::recording::{Observation, Recording};
 use super::refine::{Refined, Sought, refine};
-use super::refused::{Refused, Units};
 use super::reread::reread;
 use super::sighting::Sighting;
-use super::track::{Poses, Track};
+use super::track::Track;
+use crate::error::{CalibrationError, ProbeError, Units};
 use crate::phantom::file::Registration;
 
 /// Minimum number of images with recognised dots and poses. PLUS requires as many.
@@ -31,35 +31,6 @@ const CLEARLY: f64 = 3.0;
 /// Minimum share of the brightest dots, as many as there are wires, that match the phantom in
 /// the median image. Dots of other phantoms match in part.
 const EXPLAINED: f64 = 0.7;
-
-/// An observed image and its poses.
-#[derive(Debug, Clone)]
-pub struct Observation {
-    /// Number of the frame.
-    pub frame: usize,
-    /// Time, s, by the clock of the poses.
-    pub time_s: f64,
-    /// Spots in it.
-    pub dots: Vec<Dot>,
-    /// The recognised wires.
-    pub reading: Option<Reading>,
-    /// Poses of the sensors at that time; `None` if the tracker reported them invalid.
-    pub poses: Option<Poses>,
-}
-
-/// The images of a recording.
-#[derive(Debug, Clone, Copy)]
-pub struct Recording<'a> {
-    /// In the order of acquisition.
-    pub observations: &'a [Observation],
-    /// Poses of the sensors at all times, from the tracker's own samples; `None` if only the
-    /// images' poses are known.
-    pub track: Option<&'a Track>,
-    /// Pixels along u and v.
-    pub size_px: [u32; 2],
-    /// Whether its times are real times and not frame numbers.
-    pub timed: bool,
-}
 
 /// Outcome of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,13 +100,13 @@ pub struct Calibration {
 /// Calibrates a probe.
 ///
 /// # Errors
-/// [`Refused`] gives the reason and advice.
+/// [`ProbeError`] gives the reason and advice.
 pub fn calibrate(
     layout: &Layout,
     registration: &Registration,
     recording: Recording<'_>,
     validation: Option<Recording<'_>>,
-) -> Result<Calibration, Refused> {
+) -> Result<Calibration, CalibrationError> {
     let (sightings, track) = sight(layout, registration, recording, Side::Right)?;
     let (first, begun) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
         // For a single row of dots only the poses tell the side from which it is seen.
@@ -144,7 +115,7 @@ pub fn calibrate(
             fit(layout, registration, &sightings, &track, recording).ok().map(|_| sightings.len())
         };
         let mirrored = if layout.is_flat() { other().ok().and_then(fits) } else { None };
-        mirrored.map_or(refused, |pictures| Refused::Mirrored { pictures })
+        mirrored.map_or(refused, |pictures| ProbeError::Mirrored { pictures })
     })?;
     let (sightings, misread) = reread(layout, &first, &track, recording.observations, &sightings);
     let (refined, begun) =
@@ -158,7 +129,8 @@ pub fn calibrate(
     };
     let own = evidence(&refined);
     let used: Vec<Sighting> = part(&sightings, &refined);
-    let errors = both(Evidence { sightings: &used, ..own }, &refined.plane).ok_or(Refused::TooFew { pictures: 0 })?;
+    let errors =
+        both(Evidence { sightings: &used, ..own }, &refined.plane).ok_or(ProbeError::TooFew { pictures: 0 })?;
 
     let (mut held, mut as_given, mut split) = (None, None, false);
     if let Some(validation) = validation {
@@ -221,22 +193,22 @@ fn sight(
     registration: &Registration,
     recording: Recording<'_>,
     side: Side,
-) -> Result<(Vec<Sighting>, Track), Refused> {
-    let Recording { observations, track, .. } = recording;
+) -> Result<(Vec<Sighting>, Track), ProbeError> {
+    let observations = recording.observations;
     let total = observations.len();
     let posed = observations.iter().filter(|observation| observation.poses.is_some()).count();
     if posed == 0 {
-        return Err(Refused::NoPoses { pictures: total });
+        return Err(ProbeError::NoPoses { pictures: total });
     }
-    let read = observations.iter().filter_map(|observation| observation.reading.as_ref());
+    let read = observations.iter().filter_map(|observation| observation.seen.reading.as_ref());
     let (mut right, mut left) = (0_usize, 0_usize);
     for reading in read.filter(|reading| reading.mirrored.is_none()) {
         *(if reading.best.rightwards { &mut right } else { &mut left }) += 1;
     }
     let wires = layout.looked_for();
     let share = |observation: &Observation| {
-        let of = observation.dots.len().min(wires) as f64;
-        Some(observation.reading.as_ref()?.best.marks.len() as f64 / of)
+        let of = observation.seen.dots.len().min(wires) as f64;
+        Some(observation.seen.reading.as_ref()?.best.marks.len() as f64 / of)
     };
     let mut shares: Vec<f64> = observations.iter().filter_map(share).collect();
     shares.sort_by(f64::total_cmp);
@@ -244,7 +216,7 @@ fn sight(
         return Err(unread(layout, recording));
     }
     if left > right {
-        return Err(Refused::Mirrored { pictures: left });
+        return Err(ProbeError::Mirrored { pictures: left });
     }
     let from_that_side = |reading: &Reading| -> Option<Match> {
         [Some(&reading.best), reading.mirrored.as_ref()]
@@ -255,7 +227,7 @@ fn sight(
     };
     let sighting = |observation: &Observation| {
         observation.poses?;
-        let marks = from_that_side(observation.reading.as_ref()?)?.marks;
+        let marks = from_that_side(observation.seen.reading.as_ref()?)?.marks;
         Some(Sighting { frame: observation.frame, time_s: observation.time_s, marks })
     };
     let sightings: Vec<Sighting> = observations.iter().filter_map(sighting).collect();
@@ -263,17 +235,16 @@ fn sight(
         return Err(unread(layout, recording));
     }
     if sightings.len() < LEAST_PICTURES {
-        return Err(Refused::TooFew { pictures: sightings.len() });
+        return Err(ProbeError::TooFew { pictures: sightings.len() });
     }
-    let own = || Track::new(observations.iter().filter_map(|observation| observation.poses).collect());
-    let track = track.cloned().unwrap_or_else(own);
+    let track = recording.poses();
     let map = |s: &Sighting| s.probe_from_phantom(&track, 0.0, &registration.reference_from_phantom);
     moved(&sightings.iter().filter_map(map).map(|map| map.affine()).collect::<Vec<_>>())?;
     Ok((sightings, track))
 }
 
 /// Checks that the probe moved, from maps between its frame and a static one.
-pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
+pub(super) fn moved(maps: &[DAffine3]) -> Result<(), ProbeError> {
     let Some(first) = maps.first() else { return Ok(()) };
     let (mut way, mut turn) = (0.0_f64, 0.0_f64);
     for map in maps {
@@ -282,31 +253,31 @@ pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
         turn = turn.max(between.to_scaled_axis().length());
     }
     if way < LEAST_WAY_MM && turn < LEAST_TURN_RAD {
-        return Err(Refused::Still { way_mm: way, turn_deg: turn.to_degrees() });
+        return Err(ProbeError::Still { way_mm: way, turn_deg: turn.to_degrees() });
     }
     Ok(())
 }
 
 /// Returns the reason why no image's dots match the phantom.
-fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
+fn unread(layout: &Layout, recording: Recording<'_>) -> ProbeError {
     let Recording { observations, size_px, .. } = recording;
     let pictures = observations.len();
-    let mut counts: Vec<usize> = observations.iter().map(|observation| observation.dots.len()).collect();
+    let mut counts: Vec<usize> = observations.iter().map(|observation| observation.seen.dots.len()).collect();
     counts.sort_unstable();
     let median = counts.get(pictures / 2).copied().unwrap_or(0);
     if median < layout.least_dots() {
-        return Refused::NoWires { pictures, dots: median, least: layout.least_dots() };
+        return ProbeError::NoWires { pictures, dots: median, least: layout.least_dots() };
     }
     // Tries the same pattern in other units.
     let mut matcher = Matcher::new();
     for units in Units::ALL {
         let Some(scaled) = layout.scaled(units.factor()) else { continue };
         let some = observations.iter().step_by(pictures.div_ceil(8).max(1));
-        if some.filter(|observation| matcher.read(&observation.dots, size_px, &scaled).is_some()).count() >= 2 {
-            return Refused::PhantomUnits { units };
+        if some.filter(|observation| matcher.read(&observation.seen.dots, size_px, &scaled).is_some()).count() >= 2 {
+            return ProbeError::PhantomUnits { units };
         }
     }
-    Refused::OtherPhantom { pictures, dots: median, phantom: layout.geometry().name().to_owned() }
+    ProbeError::OtherPhantom { pictures, dots: median, phantom: layout.geometry().name().to_owned() }
 }
 
 /// Fits the plane to the sightings.
@@ -316,32 +287,32 @@ fn fit(
     sightings: &[Sighting],
     track: &Track,
     recording: Recording<'_>,
-) -> Result<(Refined, Start), Refused> {
+) -> Result<(Refined, Start), ProbeError> {
     let begin = |track: &Track, reference_from_phantom: &Transform<Reference, Phantom>| {
         start(layout, sightings, |s| s.probe_from_phantom(track, 0.0, reference_from_phantom), recording.size_px)
     };
     let given = &registration.reference_from_phantom;
-    let begun = begin(track, given).ok_or(Refused::Open)?;
+    let begun = begin(track, given).ok_or(ProbeError::Open)?;
     if begun.spread_mm > WORST_SPREAD_MM {
         let better = |spread: f64| spread < WORST_SPREAD_MM && spread * CLEARLY < begun.spread_mm;
         for units in Units::ALL {
             let poses = track.scaled(units.factor());
             if begin(&poses, given).is_some_and(|start| better(start.spread_mm)) {
-                return Err(Refused::PoseUnits { units });
+                return Err(ProbeError::PoseUnits { units });
             }
             let mut affine = given.affine();
             affine.translation *= units.factor();
             if begin(track, &Transform::from_affine(affine)).is_some_and(|start| better(start.spread_mm)) {
-                return Err(Refused::RegistrationUnits { units });
+                return Err(ProbeError::RegistrationUnits { units });
             }
         }
-        return Err(Refused::Contradictory { mm: begun.spread_mm });
+        return Err(ProbeError::Contradictory { mm: begun.spread_mm });
     }
     let sought = Sought { skew: false, registration: true, lag: recording.timed };
     let refined = refine(layout, sightings, track, registration, &begun, sought)?;
     let used = refined.pictures.iter().filter(|(_, components)| *components > 0).count();
     if used < LEAST_PICTURES {
-        return Err(Refused::TooFew { pictures: used });
+        return Err(ProbeError::TooFew { pictures: used });
     }
     Ok((refined, begun))
 }

@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::error::{CalibrationError, ProbeError};
 use crate::phantom::nwire::PARALLEL_RAD;
 use crate::phantom::{Geometry, Nwire, Wire};
 
@@ -64,8 +65,8 @@ impl Layout {
     /// Prepares a phantom.
     ///
     /// # Errors
-    /// [`Unsuitable`]: the dots of these wires cannot be told apart.
-    pub fn new(geometry: Geometry) -> Result<Self, Unsuitable> {
+    /// [`ProbeError`]: the dots of these wires cannot be told apart.
+    pub fn new(geometry: Geometry) -> Result<Self, CalibrationError> {
         let found = geometry.nwires();
         let alike = Self::parallel_to(&geometry, &found);
         // N's that are turned to each other cannot be recognised together. Those of the best
@@ -76,7 +77,7 @@ impl Layout {
             if rank(&b) > rank(&a) { b } else { a }
         };
         let wires = geometry.wires().len();
-        alike.iter().map(|first| of(&found[*first])).reduce(better).ok_or(Unsuitable { wires })
+        alike.iter().map(|first| of(&found[*first])).reduce(better).ok_or(ProbeError::NoN { wires }.into())
     }
 
     /// Returns the first N of each direction.
@@ -221,16 +222,6 @@ fn are_parallel(wire: &Wire, direction: DVec3) -> bool {
     wire.direction().cross(direction).length().asin() <= PARALLEL_RAD
 }
 
-/// The dots of a phantom cannot be told apart: no three wires make an N.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "of the phantom's {wires} wires no pattern of three makes an N (two parallel wires and one aslant between them, in one plane); is this the file of an N-wire phantom?"
-)]
-pub struct Unsuitable {
-    /// Number of wires.
-    pub wires: usize,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -258,11 +249,10 @@ mod tests {
     #[test]
     fn phantom_without_n_is_refused() {
         let wires = three_ns().wires().to_vec();
-        let refusal = |patterns: Vec<Vec<Wire>>| {
-            Layout::new(Geometry::new("", patterns, Vec::new()).unwrap()).unwrap_err().to_string()
-        };
+        let refusal =
+            |patterns: Vec<Vec<Wire>>| Layout::new(Geometry::new("", patterns, Vec::new()).unwrap()).unwrap_err();
         let posts = vec![wires[0].clone(), wires[2].clone(), wires[3].clone()];
-        assert!(refusal(vec![posts]).contains("of the phantom's 3 wires no pattern of three makes an N"));
+        assert_eq!(refusal(vec![posts]), ProbeError::NoN { wires: 3 }.into());
     }
 
     #[test]

@@ -14,10 +14,11 @@ use glam::{DAffine3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::{Phantom, Probe, Reference, Transform};
 
-use super::calibrate::{Calibration, Outcome, Recording};
+use super::calibrate::{Calibration, Outcome};
 use super::layout::Layout;
 use super::matching::{Mark, STEEPEST};
 use super::plane::ImagePlane;
+use super::recording::Recording;
 use super::refine::{Refined, View};
 use super::track::{Poses, Track};
 use crate::statistics::median;
@@ -125,34 +126,34 @@ impl fmt::Display for Candidate {
         let by = self.by;
         let side = |above: &'static str, below: &'static str| if by > 0.0 { above } else { below };
         match self.way {
-            Way::Held => write!(f, "hold the probe as it was held"),
+            Way::Held => write!(f, "hold the probe as before"),
             Way::Tilt => write!(
                 f,
-                "tilt the probe about the picture's u axis by {by:+.0}° (its top {} you)",
+                "tilt the probe about the image's u axis by {by:+.0}° (its top {} you)",
                 side("towards", "away from")
             ),
             Way::Turn => write!(
                 f,
-                "turn the probe about its long axis, the picture's v, by {by:+.0}° (its marked side {} you)",
+                "turn the probe about its long axis, the image's v, by {by:+.0}° (its marked side {} you)",
                 side("towards", "away from")
             ),
             Way::Rock => write!(
                 f,
-                "rock the probe in the picture's plane by {by:+.0}° (its top {} the marked side)",
+                "rock the probe in the image's plane by {by:+.0}° (its top {} the marked side)",
                 side("to", "away from")
             ),
             Way::AlongU => write!(
                 f,
-                "shift the probe by {by:+.0} mm along the picture's u ({} the marked side)",
+                "shift the probe by {by:+.0} mm along the image's u ({} the marked side)",
                 side("to", "away from")
             ),
             Way::AlongV => write!(
                 f,
-                "shift the probe by {by:+.0} mm along the picture's v ({} the phantom)",
+                "shift the probe by {by:+.0} mm along the image's v ({} the phantom)",
                 side("towards", "away from")
             ),
             Way::Across => {
-                write!(f, "shift the probe by {by:+.0} mm across the picture ({} you)", side("away from", "towards"))
+                write!(f, "shift the probe by {by:+.0} mm across the image ({} you)", side("away from", "towards"))
             }
         }
     }
@@ -182,14 +183,18 @@ impl fmt::Display for NextView {
         let (now, pictures) = (self.now_mm, self.pictures);
         match (self.best(), self.ranked.first()) {
             (Some(best), _) => {
-                write!(f, "{best}: with {pictures} pictures of it the largest error {now:.2} → {:.2} mm", best.after_mm)
+                write!(
+                    f,
+                    "{best}: {pictures} frames of this view reduce the largest error from {now:.2} to {:.2} mm",
+                    best.after_mm
+                )
             }
             (None, Some(first)) => write!(
                 f,
-                "no view helps much: with {pictures} more pictures of any the largest error {now:.2} → {:.2} mm at best",
+                "no view helps much: {pictures} more frames of the best one reduce the largest error from {now:.2} to {:.2} mm",
                 first.after_mm
             ),
-            (None, None) => write!(f, "no view was found in which the wires would be seen"),
+            (None, None) => write!(f, "no view shows the wires; record more frames of the present view"),
         }
     }
 }

@@ -7,10 +7,10 @@
 
 use glam::DVec2;
 
-use super::calibrate::Observation;
 use super::layout::Layout;
 use super::matching::Mark;
 use super::plane::ImagePlane;
+use super::recording::Observation;
 use super::refine::Refined;
 use super::sighting::Sighting;
 use super::track::Track;
@@ -95,7 +95,7 @@ fn is_misread(sighting: &Sighting, expected: &[Expected]) -> bool {
 /// Assigns the nearest dot to each wire, if near.
 fn read(observation: &Observation, expected: &[Expected]) -> Vec<Mark> {
     let nearest = |own: &Expected| {
-        let dots = observation.dots.iter().filter(|dot| dot.at_px.distance(own.at_px) <= own.radius_px);
+        let dots = observation.seen.dots.iter().filter(|dot| dot.at_px.distance(own.at_px) <= own.radius_px);
         let dot = dots.min_by(|a, b| a.at_px.distance(own.at_px).total_cmp(&b.at_px.distance(own.at_px)))?;
         Some(Mark { wire: own.wire, at_px: dot.at_px, contrast: dot.contrast })
     };

@@ -36,8 +36,7 @@ pub mod refine;
 mod simulated;
 
 pub use calibrate::{Calibration, calibrate};
-pub use glimpse::{Observation, Recording, Seen};
-pub use motion::Axis;
+pub use glimpse::Seen;
 
 use glam::{DVec2, DVec3};
 

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::noise::{mean, mean_rotation};
+use crate::error::{CalibrationError, TrackerError};
 use crate::statistics::Spread;
 
 /// Minimum number of pairs of poses for a map.
@@ -84,37 +85,6 @@ pub struct Map {
     pub zones: Vec<usize>,
 }
 
-/// Reasons why there is no map.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoMap {
-    /// Too few pairs.
-    #[error(
-        "{pairs} moments at which both sensors were seen are too few for a map: move the piece on until there are {LEAST}"
-    )]
-    Few {
-        /// Number of pairs.
-        pairs: usize,
-    },
-    /// All pairs are in one place.
-    #[error(
-        "the piece has moved by {mm:.0} mm only, less than a cell of the map ({cell_mm:.0} mm): move it through all of the room that scans are made in"
-    )]
-    Still {
-        /// Extent of the pairs, mm.
-        mm: f64,
-        /// Edge of a cell, mm.
-        cell_mm: f64,
-    },
-    /// The piece is not rigid.
-    #[error("the sensors are {nearest_mm:.0} to {farthest_mm:.0} mm apart: fix both to one piece that does not bend")]
-    Loose {
-        /// Tenth percentile of the distance, mm.
-        nearest_mm: f64,
-        /// Ninetieth percentile, mm.
-        farthest_mm: f64,
-    },
-}
-
 /// Maps the apparent changes of the transform between two sensors on a rigid piece.
 ///
 /// The piece's own transform is a robust mean with weights 1 / error, so that distorted parts
@@ -122,10 +92,10 @@ pub enum NoMap {
 /// from its place by the first sensor and the piece.
 ///
 /// # Errors
-/// [`NoMap`]: too few pairs, all in one place, or no rigid piece.
-pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, NoMap> {
+/// [`TrackerError`]: too few pairs, all in one place, or no rigid piece.
+pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, CalibrationError> {
     if pairs.len() < LEAST {
-        return Err(NoMap::Few { pairs: pairs.len() });
+        return Err(TrackerError::FewPairs { pairs: pairs.len(), least: LEAST }.into());
     }
     let middle = |pair: &Pair| (pair.one.translation + pair.other.translation) * 0.5;
     let (low, high) = pairs
@@ -134,7 +104,7 @@ pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, NoMap> {
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
     let mm = (high - low).max_element();
     if mm < options.cell_mm {
-        return Err(NoMap::Still { mm, cell_mm: options.cell_mm });
+        return Err(TrackerError::Still { mm, cell_mm: options.cell_mm }.into());
     }
     let mut distances: Vec<f64> =
         pairs.iter().map(|pair| pair.one.translation.distance(pair.other.translation)).collect();
@@ -142,7 +112,7 @@ pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, NoMap> {
     let [nearest_mm, distance_mm, farthest_mm] = [1, 5, 9].map(|tenth| distances[(distances.len() - 1) * tenth / 10]);
     // A stronger distortion cannot be mapped.
     if farthest_mm - nearest_mm > (0.25 * distance_mm).max(20.0 * options.limit_mm) {
-        return Err(NoMap::Loose { nearest_mm, farthest_mm });
+        return Err(TrackerError::Loose { nearest_mm, farthest_mm }.into());
     }
     let relative: Vec<DAffine3> = pairs.iter().map(|pair| pair.one.inverse() * pair.other).collect();
     let one_from_other = piece(&relative);
@@ -293,11 +263,15 @@ mod tests {
     #[test]
     fn few_pairs_static_piece_or_loose_sensors_are_refused() {
         let pairs = carried(None);
-        assert_eq!(map(&pairs[..20], &Options::default()), Err(NoMap::Few { pairs: 20 }));
+        assert_eq!(
+            map(&pairs[..20], &Options::default()),
+            Err(TrackerError::FewPairs { pairs: 20, least: LEAST }.into())
+        );
         let still = vec![pairs[0]; 40];
-        assert!(map(&still, &Options::default()).unwrap_err().to_string().contains("moved by 0 mm only"));
+        let still = map(&still, &Options::default()).map(drop);
+        assert!(matches!(still, Err(CalibrationError::Tracker(TrackerError::Still { mm: 0.0, .. }))), "{still:?}");
         let loose: Vec<Pair> =
             pairs.iter().zip(pairs.iter().rev()).map(|(a, b)| Pair { one: a.one, other: b.other }).collect();
-        assert!(matches!(map(&loose, &Options::default()), Err(NoMap::Loose { .. })));
+        assert!(matches!(map(&loose, &Options::default()), Err(CalibrationError::Tracker(TrackerError::Loose { .. }))));
     }
 }

@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
+use crate::error::{CalibrationError, TrackerError};
+
 /// Minimum number of poses: 30 give the standard deviation to 13 %.
 pub const LEAST: usize = 30;
 /// Minimum duration, s. A sensor on a breathing person rests between two breaths, so a shorter
@@ -33,37 +35,6 @@ pub struct Noise {
     pub farthest_mm: f64,
 }
 
-/// Reasons why there is no noise estimate.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoNoise {
-    /// There are too few poses.
-    #[error("{poses} poses are too few to know their noise by: keep the sensor still until there are {LEAST}")]
-    Few {
-        /// Number of poses.
-        poses: usize,
-    },
-    /// The recording is too short.
-    #[error(
-        "the sensor lay still for {seconds:.1} s only, as it does between two breaths: leave it where it lies for {LEAST_S} s or more"
-    )]
-    Short {
-        /// Time from the first pose to the last, s.
-        seconds: f64,
-    },
-    /// The sensor was moved.
-    #[error(
-        "the sensor has moved {farthest_mm:.2} mm, {degrees:.2}° while its poses scatter by {fast_mm:.3} mm from one to the next: lay it down, let go of it, and keep people and metal away"
-    )]
-    Moved {
-        /// Largest distance of a pose from the mean, mm.
-        farthest_mm: f64,
-        /// Largest rotation from the mean, degrees.
-        degrees: f64,
-        /// Root mean square of the noise from one pose to the next, mm.
-        fast_mm: f64,
-    },
-}
-
 /// Estimates the noise of poses of a static sensor.
 ///
 /// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal.
@@ -71,10 +42,10 @@ pub enum NoNoise {
 ///
 /// `seconds` is the time from the first pose to the last.
 ///
-/// # Errors [`NoNoise`]: too few poses, a moving sensor, or a time too short to exclude motion.
-pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, NoNoise> {
+/// # Errors [`TrackerError`]: too few poses, a moving sensor, or a time too short to exclude motion.
+pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, CalibrationError> {
     if poses.len() < LEAST {
-        return Err(NoNoise::Few { poses: poses.len() });
+        return Err(TrackerError::FewPoses { poses: poses.len(), least: LEAST }.into());
     }
     let count = poses.len() as f64;
     let mean_mm = mean(poses.iter().map(|pose| pose.translation), count);
@@ -97,10 +68,12 @@ pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, NoNoise> {
     let fast_turn = (turn_steps / (2.0 * (count - 1.0))).sqrt();
     let moved = |rms: f64, fast: f64, still: f64| rms > still.max(WANDERS * fast);
     if moved(position_sd_mm.length(), fast_rms_mm, STILL_MM) || moved(rotation_sd.length(), fast_turn, STILL_RAD) {
-        return Err(NoNoise::Moved { farthest_mm, degrees: farthest_turn.to_degrees(), fast_mm: fast_rms_mm });
+        return Err(
+            TrackerError::Moved { farthest_mm, degrees: farthest_turn.to_degrees(), fast_mm: fast_rms_mm }.into()
+        );
     }
     if seconds < LEAST_S {
-        return Err(NoNoise::Short { seconds });
+        return Err(TrackerError::Short { seconds, least_s: LEAST_S }.into());
     }
     Ok(Noise {
         poses: poses.len(),
@@ -187,14 +160,20 @@ mod tests {
             let poses: Vec<_> = (from..from + poses).map(|n| DAffine3::from_translation(at(n))).collect();
             of(&poses, poses.len() as f64 / 60.0)
         };
-        assert!(matches!(sways(2.0, 0, 600), Err(NoNoise::Moved { .. })), "{:?}", sways(2.0, 0, 600));
+        let refused = |from, poses| match sways(2.0, from, poses) {
+            Err(CalibrationError::Tracker(error)) => error,
+            other => panic!("{from}, {poses}: {other:?}"),
+        };
+        assert!(matches!(refused(0, 600), TrackerError::Moved { .. }));
         // Any start and any shorter duration are refused.
         for (from, poses) in (0..240).step_by(8).flat_map(|from| [(from, 40), (from, 80), (from, 299), (from, 300)]) {
-            let said = sways(2.0, from, poses).unwrap_err();
-            assert!(matches!(said, NoNoise::Moved { .. } | NoNoise::Short { .. }), "{from}, {poses}: {said}");
+            let error = refused(from, poses);
+            assert!(
+                matches!(error, TrackerError::Moved { .. } | TrackerError::Short { .. }),
+                "{from}, {poses}: {error}"
+            );
         }
-        let said = sways(2.0, 30, 60).unwrap_err().to_string();
-        assert!(said.contains("for 1.0 s only") && said.contains("for 5 s or more"), "{said}");
+        assert_eq!(refused(30, 60), TrackerError::Short { seconds: 1.0, least_s: LEAST_S });
         // Two adjacent digits of the coarsest record.
         let digit = |n: u32| DVec3::X * 0.254 * f64::from(n / 300);
         assert!(of(&(0..600).map(|n| DAffine3::from_translation(digit(n))).collect::<Vec<_>>(), 10.0).is_ok());
@@ -202,8 +181,12 @@ mod tests {
 
     #[test]
     fn too_few_poses_or_moving_sensor_are_refused() {
-        assert_eq!(of(&lying(29, 0.05, 0.03, 0.0), 10.0), Err(NoNoise::Few { poses: 29 }));
-        let said = of(&lying(500, 0.05, 0.03, 20.0), 10.0).unwrap_err().to_string();
-        assert!(said.starts_with("the sensor has moved 10.") && said.contains("lay it down"), "{said}");
+        assert_eq!(
+            of(&lying(29, 0.05, 0.03, 0.0), 10.0),
+            Err(TrackerError::FewPoses { poses: 29, least: LEAST }.into())
+        );
+        let moved = of(&lying(500, 0.05, 0.03, 20.0), 10.0);
+        let is_moved = |error: &_| matches!(error, CalibrationError::Tracker(TrackerError::Moved { .. }));
+        assert!(moved.as_ref().is_err_and(is_moved), "{moved:?}");
     }
 }

@@ -24,8 +24,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use calibration::arm::Arm;
+use calibration::error::PresetError;
 use calibration::file::preset::Preset;
-use calibration::file::{CalibrationFile, Latency, NoPreset};
+use calibration::file::{CalibrationFile, Latency};
 use calibration::tracker::zones::Zones;
 use mask::{Clip, MaskSettings};
 use sonoweave_core::keys::{FileError, Source, numbers};
@@ -118,7 +119,7 @@ impl Settings {
             Kind::Plus => match preset {
                 None => return plus::parse(path, text),
                 Some(name) => {
-                    let none = NoPreset::Unknown { name: name.to_owned(), known: Vec::new() };
+                    let none = PresetError::Unknown { name: name.to_owned(), known: Vec::new() };
                     return Err(ConfigError::Preset { path: path.to_owned(), problem: none });
                 }
             },
@@ -274,7 +275,7 @@ pub enum ConfigError {
         /// The file.
         path: PathBuf,
         /// The presets to choose from.
-        problem: NoPreset,
+        problem: PresetError,
     },
     /// A file of one kind in place of another.
     #[error("{path}: is {what}; {wanted}", path = path.display())]

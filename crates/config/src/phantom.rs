@@ -161,7 +161,7 @@ fn registration(
             let matrix = if to_reference { matrix } else { Transform::from_affine(transform.affine.inverse()) };
             let error_mm = reader.numbers::<1>(&element, "Error")?.map(|[mm]| mm).filter(|mm| *mm > 0.0);
             let registration = Registration::new(matrix, error_mm);
-            return registration.map(Some).map_err(|problem| reader.error(&element, "Matrix", problem));
+            return registration.map(Some).map_err(|error| reader.error(&element, "Matrix", error.to_string()));
         }
     }
     Ok(None)

@@ -58,7 +58,7 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
     };
     match measure::measure(&asked, &served.session.latest.told().basis.doubt) {
         Ok(measured) => told(StatusCode::OK, &json!(measured)),
-        Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
+        Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
     }
 }
 
@@ -104,7 +104,7 @@ struct At {
 pub(super) async fn slices(State(served): State<Served>, body: String) -> Response {
     let found = serde_json::from_str::<At>(&body)
         .map_err(|error| format!("this is not a point of the world: {error}"))
-        .and_then(|At { at }| served.session.slices.of(at));
+        .and_then(|At { at }| served.session.slices.of(at).map_err(|error| error.to_string()));
     match found {
         Ok(found) => told(StatusCode::OK, &json!(found)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),

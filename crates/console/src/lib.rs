@@ -29,6 +29,7 @@ mod api;
 pub mod broadcast;
 mod connections;
 mod counts;
+mod error;
 pub mod hosts;
 mod listen;
 mod marks;
@@ -62,8 +63,9 @@ use axum::{Router, middleware};
 
 pub use broadcast::FrameBroadcaster;
 pub use counts::Counts;
-pub use listen::{AccessError, Listen};
-pub use server::{Console, ConsoleError};
+pub use error::ConsoleError;
+pub use listen::Listen;
+pub use server::Console;
 pub use status::About;
 use tokio::sync::watch;
 

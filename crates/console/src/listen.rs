@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::Read as _;
 use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use rustls_pki_types::pem::PemObject as _;
@@ -17,47 +17,12 @@ use tokio_rustls::rustls::{self, ServerConfig, crypto};
 
 use config::bedside::Access;
 
+use super::ConsoleError;
 use super::access::Gate;
 use super::token::Token;
 
 /// Largest size of a certificate or key file, bytes.
 const MOST_BYTES: u64 = 1 << 20;
-
-/// Reasons why the configured access is unusable.
-#[derive(Debug, thiserror::Error)]
-pub enum AccessError {
-    /// Other machines can reach the address, but keys are missing.
-    #[error(
-        "status.listen: other machines can reach {address}, and [status] has no {missing}: give {those}, or listen at \
-        127.0.0.1; see \"From other machines\" in the README"
-    )]
-    Open {
-        /// The configured address.
-        address: SocketAddr,
-        /// Missing keys, as a list.
-        missing: String,
-        /// "it" or "them", for the message.
-        those: &'static str,
-    },
-    /// A certificate without a key, or a key without a certificate.
-    #[error("status.{has}: has no effect without {lacks}; give both, or neither")]
-    Half {
-        /// The key that is given.
-        has: &'static str,
-        /// The key that is missing.
-        lacks: &'static str,
-    },
-    /// An unusable file.
-    #[error("status.{key}: {path}: {problem}")]
-    File {
-        /// The configuration's key.
-        key: &'static str,
-        /// The configured path.
-        path: PathBuf,
-        /// The problem, and its remedy.
-        problem: String,
-    },
-}
 
 /// Address and access settings of the console.
 #[derive(Debug, Clone)]
@@ -85,13 +50,13 @@ impl Listen {
     /// Checks these settings without binding the address.
     ///
     /// # Errors
-    /// [`AccessError`] for an address that other machines reach without TLS and a token, and
+    /// [`ConsoleError`] for an address that other machines reach without TLS and a token, and
     /// for unusable files.
-    pub fn check(&self) -> Result<(), AccessError> {
+    pub fn check(&self) -> Result<(), ConsoleError> {
         self.door().map(drop)
     }
 
-    pub(super) fn door(&self) -> Result<Door, AccessError> {
+    pub(super) fn door(&self) -> Result<Door, ConsoleError> {
         let Access { certificate, key, token_file, names } = &self.access;
         let given = [("certificate", certificate), ("key", key), ("token_file", token_file)];
         if !self.address.ip().is_loopback() {
@@ -102,7 +67,7 @@ impl Listen {
                     [head @ .., last] if !head.is_empty() => format!("{} and no {last}", head.join(", no ")),
                     _ => missing.concat(),
                 };
-                return Err(AccessError::Open { address: self.address, missing, those });
+                return Err(ConsoleError::Open { address: self.address, missing, those });
             }
         }
         let mut names = names.clone();
@@ -113,8 +78,8 @@ impl Listen {
                 Some(tls)
             }
             (None, None) => None,
-            (Some(_), None) => return Err(AccessError::Half { has: "certificate", lacks: "key" }),
-            (None, Some(_)) => return Err(AccessError::Half { has: "key", lacks: "certificate" }),
+            (Some(_), None) => return Err(ConsoleError::Half { has: "certificate", lacks: "key" }),
+            (None, Some(_)) => return Err(ConsoleError::Half { has: "key", lacks: "certificate" }),
         };
         let token = token_file.as_ref().map(|path| Token::read(path).map_err(|why| unfit("token_file", path, why)));
         Ok(Door { tls, token: token.transpose()?, names })
@@ -133,12 +98,12 @@ impl Door {
     }
 }
 
-fn unfit(key: &'static str, path: &Path, problem: impl Into<String>) -> AccessError {
-    AccessError::File { key, path: path.to_owned(), problem: problem.into() }
+fn unfit(key: &'static str, path: &Path, problem: impl Into<String>) -> ConsoleError {
+    ConsoleError::File { key, path: path.to_owned(), problem: problem.into() }
 }
 
 /// Returns TLS from a certificate and its key, and the names in the certificate.
-fn tls(certificate: &Path, key: &Path) -> Result<(TlsAcceptor, Vec<String>), AccessError> {
+fn tls(certificate: &Path, key: &Path) -> Result<(TlsAcceptor, Vec<String>), ConsoleError> {
     let bad_certificate = |why: String| unfit("certificate", certificate, why);
     let bad_key = |why: String| unfit("key", key, why);
     let (text, _) = read(certificate).map_err(bad_certificate)?;

@@ -96,7 +96,7 @@ impl OrbitCamera {
     ///
     /// # Errors
     /// A sentence for an invalid turn, zoom or place; the view stays.
-    pub fn steer(&mut self, steer: Steer) -> Result<(), String> {
+    pub(super) fn steer(&mut self, steer: Steer) -> Result<(), String> {
         let view = self.view.unwrap_or(self.home);
         self.view = match steer {
             Steer::Turn { right, up, clockwise } => {

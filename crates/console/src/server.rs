@@ -1,7 +1,6 @@
 //! The socket: a bounded number of connections on one thread. No stage waits for this thread,
 //! and it has a lower priority than all of them.
 
-use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;
@@ -23,8 +22,8 @@ use tokio_rustls::TlsAcceptor;
 
 use super::connections::{ConnectionLimiter, Place};
 use super::counts::Counts;
-use super::listen::{AccessError, Door, Listen};
-use super::{ConsoleSession, Served, routes, viewer_slots};
+use super::listen::{Door, Listen};
+use super::{ConsoleError, ConsoleSession, Served, routes, viewer_slots};
 
 /// Time limit for a request, and before it for the TLS handshake.
 const ASKING: Duration = Duration::from_secs(5);
@@ -39,33 +38,6 @@ const PAUSE: Duration = Duration::from_millis(200);
 /// Nice value of the thread. Under full load, capture, pairing and insertion get three times as
 /// much processor time as this thread, and rendering a third as much.
 const NICE: i32 = 5;
-
-/// Reasons why the console cannot start.
-#[derive(Debug, thiserror::Error)]
-pub enum ConsoleError {
-    /// The address cannot be bound.
-    #[error("status.listen: cannot listen at {address}: {source}; {}", advice(source))]
-    Taken {
-        /// The configured address.
-        address: SocketAddr,
-        /// The reason.
-        source: io::Error,
-    },
-    /// The access settings are unusable.
-    #[error(transparent)]
-    Access(#[from] AccessError),
-    /// The thread or its event loop cannot be created.
-    #[error("status.listen: cannot start the server's thread: {0}")]
-    Thread(io::Error),
-}
-
-fn advice(error: &io::Error) -> &'static str {
-    match error.kind() {
-        io::ErrorKind::AddrInUse => "another session or program uses this port; end it, or give another port",
-        io::ErrorKind::PermissionDenied => "ports below 1024 are reserved for the administrator; give a higher one",
-        _ => "give 127.0.0.1 with a free port",
-    }
-}
 
 /// The connection of a request.
 #[derive(Debug, Clone, Copy)]

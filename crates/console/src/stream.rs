@@ -81,12 +81,9 @@ pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgra
     )
 }
 
-/// Checks whether a text is a valid command of a page.
-///
-/// # Errors
-/// The reason why it is not.
-pub fn understood(text: &str) -> Result<(), String> {
-    ClientMessage::parse(text).map(drop)
+/// Returns whether a text is a valid command of a page.
+pub fn understood(text: &str) -> bool {
+    ClientMessage::parse(text).is_ok()
 }
 
 /// Unanswered pictures of a kind.

@@ -14,6 +14,7 @@ use calibration::phantom::plates::{Plate, Plates};
 use calibration::phantom::{Geometry, Wire};
 
 use self::pen::{Pen, mm, number};
+use super::ExportError;
 use super::page::escaped;
 
 /// Width and height common to A4 and Letter paper, mm.
@@ -37,18 +38,13 @@ const ABREAST: usize = 3;
 /// Line height of a table, mm.
 const LINE: f64 = 4.3;
 
-/// Error: the phantom fits no paper.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("its plates are {:.0} × {:.0} mm, and with what is to be said they do not fit on A3 at 1:1", .0.x, .0.y)]
-pub struct TooLarge(DVec2);
-
 /// Returns the drawing as SVG in mm, for A4 and Letter, or for A3 if needed.
 ///
 /// # Errors
-/// [`TooLarge`] if it fits neither.
-pub fn drawing(geometry: &Geometry, plates: &Plates) -> Result<String, TooLarge> {
+/// [`ExportError::Paper`] if it fits neither.
+pub fn drawing(geometry: &Geometry, plates: &Plates) -> Result<String, ExportError> {
     let on = |size: DVec2| Sheet::new(geometry, plates, size).drawn();
-    on(SMALL).or_else(|| on(LARGE)).ok_or_else(|| TooLarge(Outline::of(plates).size()))
+    on(SMALL).or_else(|| on(LARGE)).ok_or_else(|| ExportError::Paper { size_mm: Outline::of(plates).size().to_array() })
 }
 
 /// The rectangle to which both plates are sawn.

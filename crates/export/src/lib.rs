@@ -17,6 +17,7 @@
 pub mod annotation;
 pub mod dicom;
 pub mod drawing;
+mod error;
 pub mod fill;
 pub(crate) mod legend;
 pub(crate) mod lettering;
@@ -28,3 +29,5 @@ pub mod sections;
 mod shades;
 pub mod volume;
 pub mod whole;
+
+pub use error::ExportError;

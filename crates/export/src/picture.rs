@@ -1,60 +1,30 @@
 //! Writes a picture, rendered or as received from a device, to a PNG file.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::{ExtendedColorType, ImageEncoder as _, RgbImage, codecs::png::PngEncoder};
 
 use render::Picture;
 use sonoweave_core::reading::PixelType;
 
+use super::ExportError;
 use super::whole::write_whole;
-
-/// Reason why a picture was not written.
-#[derive(Debug, thiserror::Error)]
-pub enum PictureError {
-    /// The encoder's error.
-    #[error("{path}: the picture cannot be encoded: {source}", path = path.display())]
-    Encode {
-        /// The target file.
-        path: PathBuf,
-        /// The cause.
-        source: image::ImageError,
-    },
-    /// A pixel type that PNG does not support.
-    #[error("{path}: PNG holds 1 to 4 channels of 8 or 16 bits, not {channels} of {pixel:?}; write a sequence", path = path.display())]
-    Type {
-        /// The target file.
-        path: PathBuf,
-        /// Their type.
-        pixel: PixelType,
-        /// Channels of a pixel.
-        channels: u32,
-    },
-    /// The file system's error; no new file was left.
-    #[error("{path}: writing the picture failed: {source}", path = path.display())]
-    Write {
-        /// The target file.
-        path: PathBuf,
-        /// The cause.
-        source: std::io::Error,
-    },
-}
 
 /// Writes a picture over a background (red, green, blue, 0 to 1) as PNG of three channels of 8
 /// bits, whole or not at all.
 ///
 /// # Errors
-/// [`PictureError`]; an existing file then stays unchanged.
-pub fn write_picture(picture: &Picture, background: [f32; 3], path: &Path) -> Result<(), PictureError> {
+/// [`ExportError`]; an existing file then stays unchanged.
+pub fn write_picture(picture: &Picture, background: [f32; 3], path: &Path) -> Result<(), ExportError> {
     write_bytes(&picture.over(background), picture.size, path)
 }
 
 /// Writes an 8 bit picture as PNG, whole or not at all.
 ///
 /// # Errors
-/// [`PictureError`]; an existing file then stays unchanged.
-pub fn write_rgb(picture: &RgbImage, path: &Path) -> Result<(), PictureError> {
+/// [`ExportError`]; an existing file then stays unchanged.
+pub fn write_rgb(picture: &RgbImage, path: &Path) -> Result<(), ExportError> {
     write_bytes(picture.as_raw(), [picture.width(), picture.height()], path)
 }
 
@@ -62,14 +32,14 @@ pub fn write_rgb(picture: &RgbImage, path: &Path) -> Result<(), PictureError> {
 /// native byte order.
 ///
 /// # Errors
-/// [`PictureError`], also for other types; an existing file then stays unchanged.
+/// [`ExportError`], also for other types; an existing file then stays unchanged.
 pub fn write_stored(
     values: &[u8],
     size: [u32; 2],
     pixel: PixelType,
     channels: u32,
     path: &Path,
-) -> Result<(), PictureError> {
+) -> Result<(), ExportError> {
     use ExtendedColorType::{L8, L16, La8, La16, Rgb8, Rgb16, Rgba8, Rgba16};
     let kind = match (pixel, channels) {
         (PixelType::U8, 1) => L8,
@@ -80,27 +50,22 @@ pub fn write_stored(
         (PixelType::U16, 2) => La16,
         (PixelType::U16, 3) => Rgb16,
         (PixelType::U16, 4) => Rgba16,
-        _ => return Err(PictureError::Type { path: path.to_owned(), pixel, channels }),
+        _ => return Err(ExportError::PixelType { path: path.to_owned(), pixel, channels }),
     };
     write_as(values, size, kind, path)
 }
 
-fn write_bytes(values: &[u8], size: [u32; 2], path: &Path) -> Result<(), PictureError> {
+fn write_bytes(values: &[u8], size: [u32; 2], path: &Path) -> Result<(), ExportError> {
     write_as(values, size, ExtendedColorType::Rgb8, path)
 }
 
-fn write_as(
-    values: &[u8],
-    [width, height]: [u32; 2],
-    kind: ExtendedColorType,
-    path: &Path,
-) -> Result<(), PictureError> {
+fn write_as(values: &[u8], [width, height]: [u32; 2], kind: ExtendedColorType, path: &Path) -> Result<(), ExportError> {
     let mut png = Cursor::new(Vec::new());
     PngEncoder::new(&mut png)
         .write_image(values, width, height, kind)
-        .map_err(|source| PictureError::Encode { path: path.to_owned(), source })?;
+        .map_err(|source| ExportError::Encode { path: path.to_owned(), source })?;
     write_whole(path, |to| to.write_all(png.get_ref()))
-        .map_err(|source| PictureError::Write { path: path.to_owned(), source })
+        .map_err(|source| ExportError::Write { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -116,6 +81,8 @@ mod tests {
         let read = image::open(&path).unwrap().to_rgb8();
         assert_eq!((read.dimensions(), read.into_raw()), ((2, 1), vec![128, 64, 128, 0, 0, 255]));
         let missing = folder.path().join("missing/p.png");
-        assert!(write_picture(&picture, [0.0; 3], &missing).unwrap_err().to_string().contains("missing/p.png"));
+        assert!(
+            matches!(write_picture(&picture, [0.0; 3], &missing), Err(ExportError::Write { path, .. }) if path == missing)
+        );
     }
 }

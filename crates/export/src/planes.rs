@@ -6,16 +6,16 @@
 
 mod plane;
 
-use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use image::{ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 
+use super::ExportError;
 use super::legend::{self, Entry, Legend, short};
 use super::lettering;
 use super::panel::{Frame, GUTTER};
+use super::picture::write_rgb;
 pub use super::shades::{Shades, Shown};
-use super::whole::write_whole;
 pub use plane::Panel;
 use volume::Grid;
 
@@ -71,46 +71,6 @@ impl Default for PlanesOptions {
     }
 }
 
-/// Reason why no picture was made.
-#[derive(Debug, thiserror::Error)]
-pub enum PlanesError {
-    /// An axis without voxels, or an invalid spacing.
-    #[error("a volume of {size:?} voxels with a spacing of {spacing:?} mm cannot be drawn")]
-    Grid {
-        /// Voxels along x, y, z.
-        size: [u64; 3],
-        /// mm.
-        spacing: [f64; 3],
-    },
-    /// A window without width.
-    #[error("the window from {low} to {high} has no grey levels in it; the second number must be larger")]
-    Window {
-        /// The given value.
-        low: f32,
-        /// The given value.
-        high: f32,
-    },
-    /// Planes outside the volume.
-    #[error("the planes cannot pass through voxel {through:?}: the volume has {size:?} voxels")]
-    Outside {
-        /// The given voxel.
-        through: [u64; 3],
-        /// Voxels along x, y, z.
-        size: [u64; 3],
-    },
-    /// The encoder's error.
-    #[error("the picture cannot be encoded")]
-    Encode(#[source] image::ImageError),
-    /// The file system's error; no new file was left.
-    #[error("the picture cannot be written to {}", path.display())]
-    Write {
-        /// The target file.
-        path: PathBuf,
-        /// The cause.
-        source: std::io::Error,
-    },
-}
-
 /// The picture, and the positions of the planes in it.
 #[derive(Debug, Clone)]
 pub struct PlanesPicture {
@@ -123,24 +83,12 @@ pub struct PlanesPicture {
 }
 
 impl PlanesPicture {
-    /// Returns the picture as a PNG file's bytes.
-    ///
-    /// # Errors
-    /// [`PlanesError::Encode`].
-    pub fn to_png(&self) -> Result<Vec<u8>, PlanesError> {
-        let mut bytes = Cursor::new(Vec::new());
-        self.picture.write_to(&mut bytes, ImageFormat::Png).map_err(PlanesError::Encode)?;
-        Ok(bytes.into_inner())
-    }
-
     /// Writes a PNG file, whole or not at all; replaces an existing file.
     ///
     /// # Errors
-    /// [`PlanesError::Write`] with the file system's reason.
-    pub fn write_png(&self, path: &Path) -> Result<(), PlanesError> {
-        let bytes = self.to_png()?;
-        write_whole(path, |to| to.write_all(&bytes))
-            .map_err(|source| PlanesError::Write { path: path.to_owned(), source })
+    /// [`ExportError::Write`] with the file system's reason.
+    pub fn write_png(&self, path: &Path) -> Result<(), ExportError> {
+        write_rgb(&self.picture, path)
     }
 }
 
@@ -150,19 +98,19 @@ impl PlanesPicture {
 /// that are not finite count as unseen.
 ///
 /// # Errors
-/// [`PlanesError`] when the volume is empty, the window has no width or the planes lie outside.
+/// [`ExportError`] when the volume is empty, the window has no width or the planes lie outside.
 pub fn planes<V: Into<Shown>>(
     grid: &Grid,
     voxel: impl Fn([u64; 3]) -> Option<V>,
     options: &PlanesOptions,
-) -> Result<PlanesPicture, PlanesError> {
+) -> Result<PlanesPicture, ExportError> {
     let spacing = grid.spacing.to_array();
     if grid.size.contains(&0) || !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
-        return Err(PlanesError::Grid { size: grid.size, spacing });
+        return Err(ExportError::Grid { size: grid.size, spacing });
     }
     let through = options.through.unwrap_or(grid.size.map(|n| n / 2));
     if through.iter().zip(grid.size).any(|(at, n)| *at >= n) {
-        return Err(PlanesError::Outside { through, size: grid.size });
+        return Err(ExportError::Outside { through, size: grid.size });
     }
     let px_per_mm = scale(grid, options.edge_px);
     let pixels: [u32; 3] =
@@ -226,10 +174,10 @@ fn title(grid: &Grid, axes: [usize; 3], at: u64) -> String {
     }
 }
 
-fn resolve(window: Window, values: &[Vec<Option<Shown>>; 3]) -> Result<[f32; 2], PlanesError> {
+fn resolve(window: Window, values: &[Vec<Option<Shown>>; 3]) -> Result<[f32; 2], ExportError> {
     if let Window::Range { low, high } = window {
         let good = low.is_finite() && high.is_finite() && low < high;
-        return if good { Ok([low, high]) } else { Err(PlanesError::Window { low, high }) };
+        return if good { Ok([low, high]) } else { Err(ExportError::Window { low, high }) };
     }
     let mut seen: Vec<f32> = values.iter().flatten().flatten().filter_map(|shown| shown.seen()).collect();
     if seen.is_empty() {
@@ -391,19 +339,19 @@ mod tests {
     fn invalid_input_is_refused_and_files_are_whole() {
         let voxel = |_| Some(1.0_f32);
         let good = grid([4; 3], [1.0; 3]);
-        assert!(matches!(planes(&grid([4, 0, 4], [1.0; 3]), voxel, &RANGE), Err(PlanesError::Grid { .. })));
+        assert!(matches!(planes(&grid([4, 0, 4], [1.0; 3]), voxel, &RANGE), Err(ExportError::Grid { .. })));
         let empty = PlanesOptions { window: Window::Range { low: 3.0, high: 3.0 }, ..RANGE };
-        assert!(matches!(planes(&good, voxel, &empty), Err(PlanesError::Window { .. })));
+        assert!(matches!(planes(&good, voxel, &empty), Err(ExportError::Window { .. })));
         let beside = PlanesOptions { through: Some([1, 4, 1]), ..RANGE };
-        assert!(matches!(planes(&good, voxel, &beside), Err(PlanesError::Outside { .. })));
+        assert!(matches!(planes(&good, voxel, &beside), Err(ExportError::Outside { .. })));
 
         let folder = tempfile::tempdir().unwrap();
         let drawn = planes(&good, voxel, &RANGE).unwrap();
         let path = folder.path().join("planes.png");
         drawn.write_png(&path).unwrap();
         assert_eq!(image::open(&path).unwrap().to_rgb8(), drawn.picture);
-        let error = drawn.write_png(&folder.path().join("missing/planes.png")).unwrap_err();
-        assert!(error.to_string().contains("missing/planes.png"));
+        let missing = folder.path().join("missing/planes.png");
+        assert!(matches!(drawn.write_png(&missing), Err(ExportError::Write { path, .. }) if path == missing));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

@@ -14,6 +14,7 @@ use sonoweave_core::reading::PixelType;
 use volume::brick_volume::SEEN;
 use volume::{Grid, Voxels};
 
+use super::ExportError;
 use super::fill::FILLED;
 
 /// Largest number of voxels in a dense file: a stray pose must not fill the disk.
@@ -139,32 +140,6 @@ impl DenseBox {
     }
 }
 
-/// Reason why a volume cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ExportError {
-    /// More voxels than a file may have.
-    #[error(
-        "the volume would have {size:?} voxels, more than {MOST_VOXELS}: stray poses spread it; crop it with --origin and --size, or \
-         choose a coarser --spacing"
-    )]
-    TooLarge {
-        /// Voxels along x, y, z.
-        size: [u64; 3],
-    },
-    /// An error of the file format.
-    #[error(transparent)]
-    File(#[from] formats::Error),
-    /// A file system error while voxels were written.
-    #[error("{path}: writing the volume failed: {source}", path = path.display())]
-    Io {
-        /// The file.
-        path: std::path::PathBuf,
-        /// The system's reason.
-        #[source]
-        source: std::io::Error,
-    },
-}
-
 /// Writes values that [`planes`] extracted from a volume, whole or not at all. `fields` go into
 /// the header.
 ///
@@ -178,13 +153,13 @@ pub fn write_taken(
     fields: &[(String, String)],
 ) -> Result<(), ExportError> {
     let mut file = VolumeWriter::create(path, &header(space, scalar.pixel(), fields)?)?;
-    file.write_all(values).map_err(|source| ExportError::Io { path: path.to_owned(), source })?;
+    file.write_all(values).map_err(|source| ExportError::Write { path: path.to_owned(), source })?;
     Ok(file.finish()?)
 }
 
 fn header(space: &DenseBox, pixel: PixelType, fields: &[(String, String)]) -> Result<VolumeHeader, ExportError> {
     let grid = &space.grid;
-    let too_large = || ExportError::TooLarge { size: grid.size };
+    let too_large = || ExportError::VolumeTooLarge { size: grid.size, most: MOST_VOXELS };
     if grid.voxels().is_none_or(|n| n > MOST_VOXELS) {
         return Err(too_large());
     }
@@ -214,7 +189,7 @@ fn write_rows(
     for z in 0..space.grid.size[2] {
         bytes.clear();
         rows_of(volume, space, z..z + 1, |r, w| row(r, w, &mut bytes));
-        file.write_all(&bytes).map_err(|source| ExportError::Io { path: path.to_owned(), source })?;
+        file.write_all(&bytes).map_err(|source| ExportError::Write { path: path.to_owned(), source })?;
     }
     Ok(file.finish()?)
 }

@@ -13,6 +13,7 @@ use drivers::openigtlink::{
 
 use pipeline::command::Command;
 
+use super::IgtlError;
 use super::client::Client;
 use super::commands;
 use super::encode;
@@ -215,8 +216,7 @@ impl ServerState {
 
     fn execute(self: &Rc<Self>, client: &Rc<Client>, command: Option<Command>, reply: Reply) {
         if !client.is_local {
-            let why = "only clients on this machine may send commands; run the client here, or through a tunnel".into();
-            return self.reply(client, reply, Err(why));
+            return self.reply(client, reply, Err(IgtlError::NotLocal));
         }
         match command {
             Some(Command::Scan) => self.reply(client, reply, self.commands.start()),
@@ -228,19 +228,19 @@ impl ServerState {
                     house.reply(&client, reply, saved);
                 });
             }
-            _ => self.reply(client, reply, Err("the command is unknown; give start, stop or save".into())),
+            _ => self.reply(client, reply, Err(IgtlError::UnknownCommand)),
         }
     }
 
     /// Saves the volume in its present state.
-    async fn save(&self) -> Result<String, String> {
+    async fn save(&self) -> Result<String, IgtlError> {
         self.commands.folder()?;
         let before = self.hub.volumes.load(Ordering::Relaxed);
         self.hub.ask();
         let asked = Instant::now();
         while self.hub.volumes.load(Ordering::Relaxed) == before {
             if asked.elapsed() > PATIENCE {
-                return Err("there is no volume; start the session".into());
+                return Err(IgtlError::NoVolume);
             }
             sleep(LOOK).await;
         }
@@ -250,18 +250,18 @@ impl ServerState {
             let shown = self.shown.borrow();
             (shown.world.clone(), shown.snapshot.clone())
         };
-        let snapshot = snapshot.unwrap_or_else(|| Err("there is no volume yet".into()))?;
+        let snapshot = snapshot.ok_or(IgtlError::NoVolume)?.map_err(IgtlError::Volume)?;
         let commands = Arc::clone(&self.commands);
         let written = tokio::task::spawn_blocking(move || commands.write(&world, &snapshot)).await;
-        let path = written.unwrap_or_else(|_| Err("the volume could not be written".into()))?;
+        let path = written.map_err(|error| IgtlError::Volume(format!("cannot write the volume: {error}")))??;
         Ok(format!("the volume is written to {}", path.display()))
     }
 
     /// Reports the result of a command. The answer's name is the error, as in the reference
     /// library, or else the command's name.
-    fn reply(&self, client: &Client, reply: Reply, outcome: Result<String, String>) {
+    fn reply(&self, client: &Client, reply: Reply, outcome: Result<String, IgtlError>) {
         let is_done = outcome.is_ok();
-        let sentence = outcome.unwrap_or_else(|why| why);
+        let sentence = outcome.unwrap_or_else(|error| error.to_string());
         let quoted = quoted(&sentence);
         let message = match reply {
             Reply::Text(device) => {

@@ -13,6 +13,8 @@ use pipeline::command::Command;
 use pipeline::control::keep;
 use pipeline::live::Snapshot;
 
+use super::IgtlError;
+
 /// The commands that clients can send, by their names.
 const NAMES: [(&str, Command); 3] = [("start", Command::Scan), ("stop", Command::Stop), ("save", Command::Save)];
 
@@ -52,11 +54,11 @@ impl Commands {
     /// Begins the session.
     ///
     /// # Errors
-    /// A sentence if it runs already.
-    pub(super) fn start(&self) -> Result<String, String> {
+    /// [`IgtlError::Running`] if it runs already.
+    pub(super) fn start(&self) -> Result<String, IgtlError> {
         match self.started.swap(true, Ordering::Relaxed) {
             false => Ok("the session begins".into()),
-            true => Err("the session runs already; there is nothing to start".into()),
+            true => Err(IgtlError::Running),
         }
     }
 
@@ -69,20 +71,17 @@ impl Commands {
     /// Returns the folder that volumes are saved in.
     ///
     /// # Errors
-    /// A sentence if there is none.
-    pub(super) fn folder(&self) -> Result<&Path, String> {
-        self.folder
-            .as_deref()
-            .ok_or_else(|| "there is no folder to save in; start sonoweave with --igtl-save DIR".into())
+    /// [`IgtlError::NoFolder`] if there is none.
+    pub(super) fn folder(&self) -> Result<&Path, IgtlError> {
+        self.folder.as_deref().ok_or(IgtlError::NoFolder)
     }
 
     /// Writes a volume into the folder, under a free name; existing files are kept.
     ///
     /// # Errors
-    /// A sentence; no file is left then.
-    pub(super) fn write(&self, world: &str, snapshot: &Snapshot) -> Result<PathBuf, String> {
-        let folder = self.folder()?;
-        keep::volume(folder, "devices", world, snapshot)
+    /// [`IgtlError`]; no file is left then.
+    pub(super) fn write(&self, world: &str, snapshot: &Snapshot) -> Result<PathBuf, IgtlError> {
+        keep::volume(self.folder()?, "devices", world, snapshot).map_err(|error| IgtlError::Volume(error.to_string()))
     }
 }
 
@@ -107,9 +106,9 @@ mod tests {
         let commands = Commands::new(Arc::clone(&ends), None, true);
         assert!(!commands.may_start());
         assert!(commands.start().is_ok() && commands.may_start());
-        assert!(commands.start().unwrap_err().contains("runs already"));
+        assert!(matches!(commands.start(), Err(IgtlError::Running)));
         commands.stop();
         assert!(ends.load(Ordering::Relaxed));
-        assert!(commands.folder().unwrap_err().contains("--igtl-save"));
+        assert!(matches!(commands.folder(), Err(IgtlError::NoFolder)));
     }
 }

@@ -30,6 +30,7 @@ mod answer;
 mod client;
 pub mod commands;
 mod encode;
+mod error;
 mod hub;
 mod outbox;
 mod publish;
@@ -40,8 +41,9 @@ mod tests;
 use std::time::Duration;
 
 pub use commands::Commands;
+pub use error::IgtlError;
 pub use hub::Hub;
-pub use server::{Counts, Server, ServerError};
+pub use server::{Counts, Server};
 
 /// Shortest interval of volumes sent without request.
 pub const VOLUME_EVERY: Duration = Duration::from_secs(2);

@@ -1,7 +1,6 @@
 //! The socket, and the thread that serves all clients.
 
 use std::cell::RefCell;
-use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::rc::Rc;
 use std::sync::Arc;
@@ -12,6 +11,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::LocalSet;
 
+use super::IgtlError;
 use super::client::{self, Client};
 use super::commands::Commands;
 use super::hub::Hub;
@@ -23,22 +23,6 @@ const CLIENTS: usize = 32;
 const PAUSE: Duration = Duration::from_millis(200);
 /// Time for which the last messages are awaited at the end.
 const LEAVING: Duration = Duration::from_millis(500);
-
-/// Reasons why the server cannot start.
-#[derive(Debug, thiserror::Error)]
-pub enum ServerError {
-    /// The address cannot be bound.
-    #[error("--igtl: cannot listen at {address}: {source}; give another port, or end the program that uses this one")]
-    Taken {
-        /// The requested address.
-        address: SocketAddr,
-        /// The reason.
-        source: io::Error,
-    },
-    /// The thread or its event loop cannot be created.
-    #[error("--igtl: cannot start its thread: {0}")]
-    Thread(io::Error),
-}
 
 /// Counters of clients and messages.
 #[derive(Debug, Default)]
@@ -97,14 +81,13 @@ impl Server {
     /// Listens, and serves from now on.
     ///
     /// # Errors
-    /// [`ServerError`] if the address is taken or no thread can be started.
-    pub fn new(address: SocketAddr, hub: Arc<Hub>, commands: Arc<Commands>) -> Result<Self, ServerError> {
-        let taken = |source| ServerError::Taken { address, source };
+    /// [`IgtlError`] if the address is taken or no thread can be started.
+    pub fn new(address: SocketAddr, hub: Arc<Hub>, commands: Arc<Commands>) -> Result<Self, IgtlError> {
+        let taken = |source| IgtlError::Taken { address, source };
         let listener = TcpListener::bind(address).map_err(taken)?;
         listener.set_nonblocking(true).map_err(taken)?;
         let address = listener.local_addr().map_err(taken)?;
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ServerError::Thread)?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(IgtlError::Thread)?;
         let (stop, stopped) = watch::channel(());
         let counts = Arc::new(Counts::default());
         let told = Arc::clone(&counts);
@@ -126,7 +109,7 @@ impl Server {
             // Lets a running save finish.
             runtime.shutdown_timeout(Duration::from_secs(10));
         };
-        let thread = std::thread::Builder::new().name("igtl".into()).spawn(serve).map_err(ServerError::Thread)?;
+        let thread = std::thread::Builder::new().name("igtl".into()).spawn(serve).map_err(IgtlError::Thread)?;
         Ok(Self { address, counts, stop: Some(stop), thread: Some(thread) })
     }
 

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Kind, Place};
+use super::{Kind, MeasureError, Place};
 
 /// Distance from a plane, as a share of an area's size, above which a note is given.
 const FLAT: f64 = 0.02;
@@ -33,10 +33,10 @@ impl Figure {
     /// Creates a figure from places.
     ///
     /// # Errors
-    /// A sentence for points that do not form such a figure.
-    pub(super) fn new(kind: Kind, places: &[Place]) -> Result<Self, String> {
+    /// [`MeasureError`] for points that do not form such a figure.
+    pub(super) fn new(kind: Kind, places: &[Place]) -> Result<Self, MeasureError> {
         let count = places.len();
-        let (is_fine, wanted) = match kind {
+        let (is_fine, takes) = match kind {
             Kind::Distance => (count == 2, "two points"),
             Kind::Angle => (count == 3, "three points, the vertex in the middle"),
             Kind::Area => (count >= 3, "three points or more"),
@@ -44,7 +44,7 @@ impl Figure {
             Kind::Stack => (false, "contours"),
         };
         if !is_fine {
-            return Err(format!("this takes {wanted}, not {count}"));
+            return Err(MeasureError::Points { takes, count });
         }
         let (points, places) = (points(places), places.to_vec());
         let figure = Self { kind, points, places, ends: Vec::new() };
@@ -55,34 +55,34 @@ impl Figure {
             Kind::Ellipsoid => apart(0, 1) && apart(2, 3) && apart(4, 5),
             Kind::Area | Kind::Stack => spanned(&figure.points).length() > SAME_MM,
         };
-        if sound { Ok(figure) } else { Err("points that differ are at one place, or on one line".into()) }
+        if sound { Ok(figure) } else { Err(MeasureError::Degenerate) }
     }
 
     /// Creates a stack from contours, in any order.
     ///
     /// # Errors
-    /// A sentence for contours that are not one above the other.
-    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<Self, String> {
+    /// [`MeasureError`] for contours that are not one above the other.
+    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<Self, MeasureError> {
         if contours.len() < 2 {
-            return Err("a stack takes two contours or more".into());
+            return Err(MeasureError::FewContours);
         }
         let mut up: Option<DVec3> = None;
         for contour in &contours {
             let normal = spanned(&points(contour));
             if contour.len() < 3 || normal.length() <= SAME_MM {
-                return Err("a contour takes three points or more that are not on one line".into());
+                return Err(MeasureError::Contour);
             }
             let normal = normal.normalize();
             let up = *up.get_or_insert(normal);
             if normal.dot(up).abs() < PARALLEL.cos() {
-                return Err(format!("the contours are not parallel to {:.0}°", PARALLEL.to_degrees()));
+                return Err(MeasureError::NotParallel { degrees: PARALLEL.to_degrees() });
             }
         }
         let up = up.unwrap_or(DVec3::Z);
         let height = |contour: &Vec<Place>| middle(&points(contour)).dot(up);
         contours.sort_by(|a, b| height(a).total_cmp(&height(b)));
         if contours.windows(2).any(|pair| height(&pair[1]) - height(&pair[0]) <= SAME_MM) {
-            return Err("two contours are at one height".into());
+            return Err(MeasureError::SameHeight);
         }
         let mut end = 0;
         let ends = contours.iter().map(|contour| {
@@ -183,7 +183,9 @@ impl Figure {
                 let size = self.points.iter().map(|p| p.distance(at)).fold(0.0, f64::max);
                 let bent = off > FLAT * size;
                 bent.then(|| {
-                    format!("the points lie up to {off:.1} mm off a plane; the area is that of its outline seen across")
+                    format!(
+                        "the points lie up to {off:.1} mm off a plane; the area is that of the outline's projection"
+                    )
                 })
                 .into_iter()
                 .collect()
@@ -196,7 +198,7 @@ impl Figure {
                 let is_leaning = leaning > SQUARE;
                 let says = || {
                     format!(
-                        "the diameters are {:.0}° from right angles: it is less sure than is said",
+                        "the diameters are {:.0}° from right angles: the error is larger than stated",
                         leaning.to_degrees()
                     )
                 };

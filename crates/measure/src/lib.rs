@@ -9,6 +9,7 @@
 //! less. Errors are propagated to first order, σ² = Σ |∂f/∂pᵢ|² σᵢ² + (∂f/∂pᵢ · aᵢ)² dᵢ² / 12.
 //! The reported error is twice that σ, which covers about 95 of 100 cases.
 
+mod error;
 mod figure;
 mod place;
 pub mod sources;
@@ -17,6 +18,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
+pub use error::MeasureError;
 pub use figure::Figure;
 pub use place::Place;
 pub use sources::{Slices, Source};
@@ -110,19 +112,19 @@ pub struct Measured {
 /// Measures a figure.
 ///
 /// # Errors
-/// A sentence for an invalid figure.
-pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, String> {
+/// [`MeasureError`] for an invalid figure.
+pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, MeasureError> {
     let Asked { kind, points, contours, pixel_mm } = asked;
     let count = points.len() + contours.iter().map(Vec::len).sum::<usize>();
     if count > MOST_POINTS {
-        return Err(format!("{count} points are too many; {MOST_POINTS} are measured at most"));
+        return Err(MeasureError::TooMany { count, most: MOST_POINTS });
     }
     points.iter().chain(contours.iter().flatten()).try_for_each(Place::check)?;
     if !(0.0..=MOST_WIDE_MM).contains(pixel_mm) {
-        return Err(format!("pixel_mm is 0 to {MOST_WIDE_MM}"));
+        return Err(MeasureError::Width { what: "pixel_mm", most_mm: MOST_WIDE_MM });
     }
     if (*kind == Kind::Stack) != points.is_empty() || (*kind == Kind::Stack) == contours.is_empty() {
-        return Err("a stack has contours, and every other figure has points".into());
+        return Err(MeasureError::Kind);
     }
     let figure = match kind {
         Kind::Stack => Figure::stack(contours.clone())?,
@@ -142,7 +144,7 @@ pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, String> {
     let of_sampling = sampling.hypot(unsampled);
     let mut notes = figure.notes();
     if doubt.calibration_mm.is_none() {
-        notes.push("how good the calibration is, is not known: the error is that of sampling alone".into());
+        notes.push("the calibration's accuracy is unknown: the error is that of sampling alone".into());
     }
     Ok(Measured {
         kind: *kind,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use render::Picked;
 
-use super::{MOST_MM, MOST_WIDE_MM};
+use super::{MOST_MM, MOST_WIDE_MM, MeasureError};
 
 /// A world position, and how it was picked.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -67,17 +67,17 @@ impl Place {
     /// Checks that the place is valid.
     ///
     /// # Errors
-    /// A sentence.
-    pub(super) fn check(&self) -> Result<(), String> {
+    /// [`MeasureError`] for a position, width or direction that is invalid.
+    pub(super) fn check(&self) -> Result<(), MeasureError> {
         let Self { point, depth_mm, pixel_mm, .. } = self;
         if point.iter().any(|x| !x.is_finite() || x.abs() > MOST_MM) {
-            return Err(format!("a point is no place within {MOST_MM} mm of the world's origin"));
+            return Err(MeasureError::Outside { most_mm: MOST_MM });
         }
         if [*depth_mm, pixel_mm.unwrap_or(0.0)].iter().any(|width| !(0.0..=MOST_WIDE_MM).contains(width)) {
-            return Err(format!("a place's depth_mm and pixel_mm are 0 to {MOST_WIDE_MM}"));
+            return Err(MeasureError::Width { what: "a point's depth_mm and pixel_mm", most_mm: MOST_WIDE_MM });
         }
         if *depth_mm > 0.0 && self.along() == DVec3::ZERO {
-            return Err("a place that has a depth_mm says by along which way that goes".into());
+            return Err(MeasureError::Direction);
         }
         Ok(())
     }

@@ -11,6 +11,8 @@ use reconstruct::kernel::AxisKernel;
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::slice::Slice;
 
+use super::{MOST_MM, MeasureError};
+
 /// Largest number of stored slice positions: nearly two hours at 60 a second, some 60 MB.
 const MOST: usize = 400_000;
 /// Largest number of reported slices of a place, those with the largest weights.
@@ -111,15 +113,13 @@ impl Slices {
     /// Returns the slices that reach a place, by their planes and the kernel across them.
     ///
     /// # Errors
-    /// A sentence for an invalid place, and if the kernel is unknown.
-    pub fn of(&self, at: [f64; 3]) -> Result<Sources, String> {
+    /// [`MeasureError`] for an invalid place, and if the kernel is unknown.
+    pub fn of(&self, at: [f64; 3]) -> Result<Sources, MeasureError> {
         let log = self.log();
-        let Some(across) = log.across else {
-            return Err("how far slices reach is not known: the calibration says nothing of the pixels' size".into());
-        };
+        let Some(across) = log.across else { return Err(MeasureError::UnknownReach) };
         let at = DVec3::from_array(at);
         if !at.is_finite() {
-            return Err("a place is three finite numbers of mm".into());
+            return Err(MeasureError::Outside { most_mm: MOST_MM });
         }
         let first_ns = log.first_ns.unwrap_or_default();
         let mut found: Vec<(f64, Source)> = Vec::new();

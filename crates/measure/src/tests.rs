@@ -187,30 +187,33 @@ fn invalid_figure_is_refused() {
         let place = Place { along, depth_mm, pixel_mm, ..Place::from([0.0; 3]) };
         Asked { points: vec![place, [9.0; 3].into()], ..asked(Kind::Distance, &[]) }
     };
-    for (asked, says) in [
-        (asked(Kind::Distance, &square), "two points, not 3"),
-        (asked(Kind::Angle, &square[..2]), "the vertex in the middle"),
-        (asked(Kind::Angle, &[square[0], square[0], square[1]]), "at one place"),
-        (asked(Kind::Area, &[[0.0; 3], [1.0; 3], [2.0; 3]]), "on one line"),
-        (asked(Kind::Ellipsoid, &square), "three diameters"),
-        (asked(Kind::Distance, &[[f64::NAN; 3], [0.0; 3]]), "no place within"),
-        (asked(Kind::Distance, &[[1e9; 3], [0.0; 3]]), "no place within"),
-        (asked(Kind::Stack, &square), "a stack has contours"),
-        (asked(Kind::Distance, &[]), "every other figure has points"),
-        (Asked { pixel_mm: -1.0, ..asked(Kind::Distance, &square[..2]) }, "pixel_mm"),
-        (asked(Kind::Area, &vec![[0.0; 3]; 3000]), "too many"),
-        (deep([0.0; 3], 1.0, None), "along which way"),
-        (deep([f64::NAN, 1.0, 0.0], 1.0, None), "along which way"),
-        (deep([1.0, 0.0, 0.0], -1.0, None), "depth_mm and pixel_mm"),
-        (deep([1.0, 0.0, 0.0], 0.0, Some(f64::INFINITY)), "depth_mm and pixel_mm"),
-        (stack(vec![lifted(0.0, 0.0)]), "two contours or more"),
-        (stack(vec![lifted(0.0, 0.0), lifted(0.0, 0.0)]), "at one height"),
-        (stack(vec![lifted(0.0, 0.0), lifted(3.0, 0.5)]), "not parallel"),
-        (stack(vec![lifted(0.0, 0.0), vec![[0.0; 3]; 3]]), "not on one line"),
+    let points = |takes, count| MeasureError::Points { takes, count };
+    let outside = MeasureError::Outside { most_mm: MOST_MM };
+    let width = |what| MeasureError::Width { what, most_mm: MOST_WIDE_MM };
+    for (asked, error) in [
+        (asked(Kind::Distance, &square), points("two points", 3)),
+        (asked(Kind::Angle, &square[..2]), points("three points, the vertex in the middle", 2)),
+        (asked(Kind::Angle, &[square[0], square[0], square[1]]), MeasureError::Degenerate),
+        (asked(Kind::Area, &[[0.0; 3], [1.0; 3], [2.0; 3]]), MeasureError::Degenerate),
+        (asked(Kind::Ellipsoid, &square), points("six points, the ends of three diameters", 3)),
+        (asked(Kind::Distance, &[[f64::NAN; 3], [0.0; 3]]), outside.clone()),
+        (asked(Kind::Distance, &[[1e9; 3], [0.0; 3]]), outside),
+        (asked(Kind::Stack, &square), MeasureError::Kind),
+        (asked(Kind::Distance, &[]), MeasureError::Kind),
+        (Asked { pixel_mm: -1.0, ..asked(Kind::Distance, &square[..2]) }, width("pixel_mm")),
+        (asked(Kind::Area, &vec![[0.0; 3]; 3000]), MeasureError::TooMany { count: 3000, most: MOST_POINTS }),
+        (deep([0.0; 3], 1.0, None), MeasureError::Direction),
+        (deep([f64::NAN, 1.0, 0.0], 1.0, None), MeasureError::Direction),
+        (deep([1.0, 0.0, 0.0], -1.0, None), width("a point's depth_mm and pixel_mm")),
+        (deep([1.0, 0.0, 0.0], 0.0, Some(f64::INFINITY)), width("a point's depth_mm and pixel_mm")),
+        (stack(vec![lifted(0.0, 0.0)]), MeasureError::FewContours),
+        (stack(vec![lifted(0.0, 0.0), lifted(0.0, 0.0)]), MeasureError::SameHeight),
+        (stack(vec![lifted(0.0, 0.0), vec![[0.0; 3]; 3]]), MeasureError::Contour),
     ] {
-        let why = measure(&asked, &DOUBT).unwrap_err();
-        assert!(why.contains(says), "{why}");
+        assert_eq!(measure(&asked, &DOUBT), Err(error));
     }
+    let tilted = stack(vec![lifted(0.0, 0.0), lifted(3.0, 0.5)]);
+    assert!(matches!(measure(&tilted, &DOUBT), Err(MeasureError::NotParallel { .. })));
 }
 
 fn slice(time_ns: i64, at: DAffine3) -> Slice {
@@ -248,8 +251,8 @@ fn place_sources_are_slices_within_kernel_reach() {
     assert!((across.length() - (8.0_f64.powi(2) + 9.0_f64.powi(2)).sqrt()).abs() < 1e-9);
     // There is none outside the image.
     assert_eq!(slices.of((turn * DVec3::new(-1.0, 3.0, 5.0)).to_array()).unwrap().count, 0);
-    assert!(slices.of([f64::NAN; 3]).is_err());
-    assert!(Slices::new(None).of([0.0; 3]).unwrap_err().contains("pixels' size"));
+    assert_eq!(slices.of([f64::NAN; 3]), Err(MeasureError::Outside { most_mm: MOST_MM }));
+    assert_eq!(Slices::new(None).of([0.0; 3]), Err(MeasureError::UnknownReach));
     slices.cleared();
     assert_eq!((slices.count(), slices.of(place.to_array()).unwrap().count), (0, 0));
 }

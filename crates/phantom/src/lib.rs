@@ -40,7 +40,7 @@ pub mod scene;
 pub mod trajectory;
 pub mod truth;
 
-use calibration::arm::{NotPlanar, Unreachable};
+use calibration::error::CalibrationError;
 
 pub use bedside::Bedside;
 pub use blur::EffectiveKernel;
@@ -175,7 +175,7 @@ pub enum PhantomError {
         /// The frame, from 0.
         frame: u32,
         /// The deviation from the arm's plane.
-        why: NotPlanar,
+        why: CalibrationError,
     },
     /// A motion out of an arm's reach.
     #[error("frame {frame} of the sweep cannot be made by this arm: {why}")]
@@ -183,7 +183,7 @@ pub enum PhantomError {
         /// The frame, from 0.
         frame: u32,
         /// The missing distance.
-        why: Unreachable,
+        why: CalibrationError,
     },
     /// Too many voxels for a truth volume.
     #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]

@@ -111,7 +111,7 @@ fn kept(text: &str) -> Result<Kept, String> {
         (1..=JOINTS).contains(&joint).then(|| of(joint - 1))
     };
     kinds.into_iter().find_map(of).ok_or_else(|| {
-        format!("must be length, zero or direction with the joint's number 1 to {JOINTS} behind it, as length1")
+        format!("must be length, zero or direction, followed by the joint's number 1 to {JOINTS}, such as length1")
     })
 }
 
@@ -214,14 +214,14 @@ impl Work<'_> {
         if out as f64 > MOST_OUTLIERS * all as f64 {
             let listed: Vec<String> = fitted.outliers.iter().map(|at| touched.name(*at)).collect();
             return Err(self.within(format!(
-                "{out} of {all} do not agree with the others ({}): check the touches' order (--order), and rests that \
+                "{out} of {all} residuals contradict the others ({}); check the touches' order (--order), and rests that \
                 were no touches (--skip)",
                 listed.join(", ")
             )));
         }
         if fitted.rms_mm > self.arguments.limit {
             return Err(self.within(format!(
-                "the touches lie {:.2} mm off (root mean square), more than the limit of {} mm: check their order \
+                "the touches are {:.2} mm off (root mean square), more than the limit of {} mm; check their order \
                 (--order), rests that were no touches (--skip), and the joints' types, signs and counts a turn",
                 fitted.rms_mm, self.arguments.limit
             )));
@@ -242,7 +242,7 @@ impl Work<'_> {
         self.arguments.outputs.write_changed(|_| {}, &report)?;
         print(&(text + &self.arguments.outputs.told()))?;
         match checked.changed {
-            true => Err(self.within(format!("the arm no longer agrees with its calibration: {}", checked.advice()))),
+            true => Err(self.within(format!("the arm no longer agrees with its calibration; {}", checked.advice()))),
             false => Ok(()),
         }
     }

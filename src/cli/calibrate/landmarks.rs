@@ -7,7 +7,8 @@ use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
 
-use calibration::landmarks::{LandmarksError, Reading, Registered, Rest, Settings, register};
+use calibration::error::CalibrationError;
+use calibration::landmarks::{Reading, Registered, Rest, Settings, register};
 use calibration::phantom::Landmark;
 use calibration::statistics::Spread;
 use config::phantom::PhantomSettings;
@@ -127,7 +128,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         gathered(recording, |tracks| Ok(advice(&found(&poses(recording, tracks, recording.path())?)?, landmarks)))?;
     let recording = recording.as_ref();
     let read = recording.read()?;
-    let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
+    let within = |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
     let registered = found(&read).map_err(within)?;
 
     let input = Input::of(recording.path())?;
@@ -183,7 +184,7 @@ fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
         missed => format!("; touch {}, each for two seconds", missed.join(", ")),
     };
     let says = format!(
-        "{touched} of {} landmarks are touched, {:.2} mm from where they should be (rms){next}",
+        "{touched} of {} landmarks are touched, {:.2} mm off (rms){next}",
         landmarks.len(),
         registered.error_mm.rms
     );
@@ -205,7 +206,7 @@ fn text(registered: &Registered, landmarks: &[Landmark], frame: &str, counts: &C
     // Writing to a string does not fail.
     let _ = writeln!(
         text,
-        "{} of {} landmarks were touched, {:.3} mm from where they should be on average (rms {:.3}, at most {:.3}), in {frame}",
+        "{} of {} landmarks were touched, {:.3} mm off on average (rms {:.3}, at most {:.3}), in {frame}",
         registered.touched.len(),
         landmarks.len(),
         spread.mean,
@@ -237,11 +238,11 @@ fn text(registered: &Registered, landmarks: &[Landmark], frame: &str, counts: &C
         );
     }
     if registered.by_order {
-        let _ = writeln!(text, "the landmarks are symmetric: the order in which they were touched says which is which");
+        let _ = writeln!(text, "the landmarks are symmetric: the order of the touches distinguishes them");
     }
     let _ = writeln!(
         text,
-        "the phantom's middle is known to {:.3} mm, its farthest point to {:.3} (one standard deviation); noise at the tip {:.3} mm; {} poses{}",
+        "the phantom's centre is known to {:.3} mm, its worst point to {:.3} (one standard deviation); noise at the tip {:.3} mm; {} poses{}",
         predicted[0],
         predicted[1],
         registered.noise_mm,

@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args, ValueEnum};
 
+use calibration::error::{CalibrationError, LatencyError};
 use calibration::file::CalibrationFile;
 use calibration::latency::align::AlignOptions;
 use calibration::latency::crossings::{Agreement, Slices};
-use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, NoFloorLag, floor_lag};
+use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, floor_lag};
 use calibration::latency::line::{Finder, Still};
 use calibration::latency::poses::Poses;
 use config::Settings;
@@ -114,11 +115,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         None => match arguments.by_line(&source, calibration, &mut notes)? {
             Ok(found) => Found::Line(Box::new(found)),
-            Err(no_floor @ NoFloorLag::NoFloor { .. }) => {
+            Err(no_floor @ CalibrationError::Latency(LatencyError::NoFloor { .. })) => {
                 match arguments.by_crossings(&source, calibration, &mut notes) {
                     Ok(found) => Found::Crossings(Box::new(found)),
                     Err(Failure(no_crossings)) => {
-                        return Err(Failure(format!("by a floor: {no_floor}; by slices that cross: {no_crossings}")));
+                        return Err(Failure(format!(
+                            "by --method line: {no_floor}; by --method crossings: {no_crossings}"
+                        )));
                     }
                 }
             }
@@ -142,7 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&report.text(&arguments.outputs))
 }
 
-fn refusal(why: NoFloorLag) -> Failure {
+fn refusal(why: CalibrationError) -> Failure {
     Failure(format!("no lag: {why}"))
 }
 
@@ -183,7 +186,7 @@ impl Arguments {
         source: &Source,
         calibration: &Settings,
         notes: &mut Vec<String>,
-    ) -> Result<Result<FloorLag, NoFloorLag>, Failure> {
+    ) -> Result<Result<FloorLag, CalibrationError>, Failure> {
         let mut still: Option<Still> = None;
         let unfit = source.pictures(|shown, _| {
             let view = shown.view()?;

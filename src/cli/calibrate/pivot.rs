@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use clap::Args;
 use serde::Serialize;
 
-use calibration::pivot::{Pivot, PivotError, Settings, calibrate};
+use calibration::error::CalibrationError;
+use calibration::pivot::{Pivot, Settings, calibrate};
 use calibration::statistics::Spread;
 use sonoweave_core::frames::{Reference, Stylus, Transform};
 
@@ -85,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recording = gathered(recording, |tracks| arguments.advice(&poses(recording, tracks, recording.path())?))?;
     let recording = recording.as_ref();
     let read = recording.read()?;
-    let within = |e: PivotError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
+    let within = |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
     let pivot = arguments.tip(&read).map_err(within)?;
 
     let input = Input::of(recording.path())?;
@@ -123,7 +124,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    fn tip(&self, read: &Poses) -> Result<Pivot, PivotError> {
+    fn tip(&self, read: &Poses) -> Result<Pivot, CalibrationError> {
         let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
         calibrate(&poses, &Settings { limit_mm: self.limit, ..Settings::default() })
     }
@@ -135,7 +136,7 @@ impl Arguments {
         let seconds = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
         let share = (self.goal / worst).powi(2).min(seconds / LEAST_S);
         let says = format!(
-            "the tip is known to {worst:.3} mm of the {} that are wanted, after {seconds:.0} s of at least {LEAST_S:.0}; swing on to all sides, the tip where it is",
+            "the tip is known to {worst:.3} mm, the goal is {} mm, after {seconds:.0} s of at least {LEAST_S:.0}; swing on to all sides, with the tip in its place",
             self.goal
         );
         Ok(Advice::at(share, says))
@@ -161,7 +162,7 @@ fn text(recording: &Recording, read: &Poses, pivot: &Pivot, sds: [f64; 3]) -> St
     );
     let _ = writeln!(
         text,
-        "it strays by {:.3} mm on average (rms {:.3}, at most {:.3}) about {} mm in {}",
+        "the tip strays by {:.3} mm on average (rms {:.3}, at most {:.3}) about {} mm in {}",
         spread.mean,
         spread.rms,
         spread.max,

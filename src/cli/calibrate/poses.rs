@@ -126,14 +126,14 @@ impl Recording {
             let listed: Vec<String> = names.iter().map(|(from, to)| transform_name(from, to)).collect();
             let listed = if listed.is_empty() { "no transform".to_owned() } else { listed.join(", ") };
             return Err(within(format!(
-                "nothing is called {} in it; it holds {listed}: name the stylus's frame with --stylus",
+                "holds no frame {}, only {listed}; name the stylus's frame with --stylus",
                 self.stylus
             )));
         }
         let options = PairingOptions { image: self.stylus.clone(), world: self.reference.clone(), statics: Vec::new() };
         let mut pairing = StampedPairing::with_names(options, &names).map_err(|_| {
             within(format!(
-                "no way leads from {} to {}; name another frame with --reference",
+                "no transforms lead from {} to {}; name another frame with --reference",
                 self.stylus,
                 match &self.reference {
                     Some(name) => name.as_str(),
@@ -186,7 +186,7 @@ impl<T> Taken<T> {
         let within_s = [from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY)];
         let [begin, end] = within_s;
         if begin >= end {
-            return Err(Failure(format!("--from {begin} is not before --to {end}")));
+            return Err(Failure(format!("--from {begin} is not before --to {end}; give an earlier begin")));
         }
         let (ledger, samples) = (Ledger::default(), Vec::new());
         Ok(Self { what: what.to_owned(), within_s, ledger, samples, first_refusal: None })
@@ -219,8 +219,8 @@ impl<T> Taken<T> {
         let read = ledger.frames.total;
         if samples.is_empty() {
             let why = match first_refusal {
-                Some(why) => format!("none of {read} {what} can be used; the first: {why}"),
-                None => "nothing was recorded in the given time".to_owned(),
+                Some(why) => format!("none of {read} {what} is usable; the first: {why}"),
+                None => "holds nothing from the given time; change --from or --to".to_owned(),
             };
             return Err(Failure(format!("{}: {why}", path.display())));
         }

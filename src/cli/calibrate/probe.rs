@@ -64,8 +64,8 @@ impl Method {
     fn title(self) -> &'static str {
         match self {
             Self::Nwire => "N-wire phantom",
-            Self::Point => "a point that rests",
-            Self::Plane => "a plane that rests",
+            Self::Point => "a point at rest",
+            Self::Plane => "a plane at rest",
             Self::Stylus => "a stylus's tip",
         }
     }
@@ -209,10 +209,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(within(path, "its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
-    let also =
-        seen.first_refusal.as_ref().map_or(String::new(), |why| format!(" (the first that could not be used: {why})"));
     let found = calibrate(&layout, &held, seen.recording(), second.as_ref().map(Observed::recording))
-        .map_err(|e| within(path, format!("{e}{also}")))?;
+        .map_err(|e| within(path, format!("{e}{}", seen.also())))?;
     if let Some([errors, _]) = &found.validation
         && errors.mean > *limit
     {
@@ -227,7 +225,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let input = Input::of(path)?;
     let provenance =
-        format!("N-wire phantom, {} pictures of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
+        format!("N-wire phantom, {} frames of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
     let solved_s = began.elapsed().as_secs_f64() - looked_s;
     let without = |observations: &[Observation]| {
         let recording = Recording { observations, ..seen.recording() };
@@ -349,5 +347,5 @@ fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Fa
     let affine = found.ok_or_else(|| {
         within(format!("holds no {}To{}; measure it with `calibrate landmarks`", frames.phantom, frames.reference))
     })?;
-    Registration::new(sonoweave_core::frames::Transform::from_affine(affine), None).map_err(within)
+    Registration::new(Transform::from_affine(affine), None).map_err(|error| within(error.to_string()))
 }

@@ -104,7 +104,7 @@ impl Tracked {
             }
             Self::Samples { track, sensor, .. } => track.at(shown.time_s()).ok_or_else(|| {
                 format!(
-                    "item {}: the tracker has no valid poses of {sensor} and its reference about its time",
+                    "item {}: the tracker has no valid poses of {sensor} and its reference at that time",
                     shown.frame
                 )
             }),

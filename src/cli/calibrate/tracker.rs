@@ -6,9 +6,10 @@ use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
 
+use calibration::error::{CalibrationError, TrackerError};
 use calibration::file::CalibrationFile;
-use calibration::tracker::distortion::{self, Map, NoMap, Pair};
-use calibration::tracker::noise::{self, NoNoise, Noise};
+use calibration::tracker::distortion::{self, Map, Pair};
+use calibration::tracker::noise::{self, Noise};
 use calibration::tracker::zones::Zones;
 use sonoweave_core::date::Date;
 
@@ -175,7 +176,9 @@ fn stillness(read: &Poses) -> Advice {
         noise::of(&poses, seconds)
     };
     // A slow tracker gives too few poses in a second to judge; this does not count as motion.
-    let lies = |seconds: &f64| *seconds <= end_s && !matches!(still(*seconds), Err(NoNoise::Moved { .. }));
+    let lies = |seconds: &f64| {
+        *seconds <= end_s && !matches!(still(*seconds), Err(CalibrationError::Tracker(TrackerError::Moved { .. })))
+    };
     let whole = (1..=STILL_S as u32).map(f64::from).take_while(lies);
     let seconds = whole.last().unwrap_or(0.0);
     let says =
@@ -224,7 +227,7 @@ impl Arguments {
         format!(
             "{} lay at {} mm in {} for {} poses{}\n\
              noise {:.3} mm (x, y, z {}), {:.3}° (about x, y, z {}), one standard deviation; at most {:.3} mm from the mean\n\
-             {:.3} mm of it from one pose to the next, which averaging takes away\n",
+             noise from one pose to the next {:.3} mm, which averaging removes\n",
             self.sensor,
             place(found.position_mm),
             self.tracker,
@@ -239,7 +242,7 @@ impl Arguments {
         )
     }
 
-    fn mapped(&self, pairs: &[Pair]) -> Result<Map, NoMap> {
+    fn mapped(&self, pairs: &[Pair]) -> Result<Map, CalibrationError> {
         distortion::map(pairs, &distortion::Options { cell_mm: self.cell, limit_mm: self.limit })
     }
 
@@ -298,7 +301,7 @@ impl Arguments {
     fn of_map(&self, other: &str, between: &Poses, map: &Map) -> String {
         let mut text = format!(
             "{} and {other} are {:.2} mm apart ({:.3} mm rms) at {} moments{}\n\
-             {other} is {:.3} mm rms and {:.3}° from its place on the piece, at most {:.2} mm\n",
+             {other} deviates by {:.3} mm and {:.3}° (rms) from its place on the piece, by at most {:.2} mm\n",
             self.sensor,
             map.distance_mm,
             map.distance_rms_mm,
@@ -312,7 +315,7 @@ impl Arguments {
         let _ = match map.zones.len() {
             0 => writeln!(
                 text,
-                "all of the {} cells of {} mm that it was carried through are within {} mm",
+                "all {} visited cells of {} mm are within {} mm",
                 map.cells.len(),
                 map.cell_mm,
                 self.limit
@@ -337,7 +340,7 @@ impl Arguments {
             );
         }
         if map.zones.len() > TOLD {
-            let _ = writeln!(text, "  and {} more, in the report", map.zones.len() - TOLD);
+            let _ = writeln!(text, "  and {} more in the report", map.zones.len() - TOLD);
         }
         text
     }

@@ -137,7 +137,8 @@ pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
     });
     let landmark = |own: &body::Landmark| Landmark { name: own.name.into(), position_mm: own.point };
     let geometry = Geometry::new(body.name, patterns.collect(), body.landmarks.iter().map(landmark).collect());
-    let registration = Registration::new(Transform::from_affine(body.world_from_body), None).map_err(within)?;
+    let registration = Registration::new(Transform::from_affine(body.world_from_body), None)
+        .map_err(|error| within(error.to_string()))?;
     Ok(PhantomFile { geometry: geometry.map_err(|e| within(e.to_string()))?, registration: Some(registration) })
 }
 

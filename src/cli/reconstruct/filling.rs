@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use export::ExportError;
 use export::fill::{FillMethod, Filled, Filling};
 use export::volume::DenseBox;
 use reconstruct::Settings;
@@ -68,8 +69,22 @@ impl FillFlags {
         settings: &Settings,
     ) -> Result<Option<Filled<'a>>, Failure> {
         let Some(filling) = self.filling() else { return Ok(None) };
-        Ok(Some(filling.fill(volume, space, settings.threads, settings.memory_bytes)?))
+        let filled = filling.fill(volume, space, settings.threads, settings.memory_bytes);
+        Ok(Some(filled.map_err(advised)?))
     }
+}
+
+/// Adds the flags that help to the error of a volume's export.
+pub(in crate::cli) fn advised(error: ExportError) -> Failure {
+    let flags = match error {
+        ExportError::VolumeTooLarge { .. } | ExportError::DicomTooLarge { .. } | ExportError::DicomTooLong { .. } => {
+            "--origin and --size, or --spacing"
+        }
+        ExportError::Memory { .. } => "--fill-radius, --size or --max-memory",
+        ExportError::FloatingPoint => "--type u8 or u16, and --window LO,HI",
+        _ => return error.into(),
+    };
+    Failure(format!("{error}: {flags}"))
 }
 
 /// Returns the header fields of a filled volume.

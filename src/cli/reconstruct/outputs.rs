@@ -18,7 +18,7 @@ use volume::Voxels;
 use volume::brick_volume::SEEN;
 
 use super::beside::Beside;
-use super::filling;
+use super::filling::{self, advised};
 use super::flags::Flags;
 use crate::cli::dicom::flags::is_dicom;
 use crate::cli::provenance::Made;
@@ -83,11 +83,11 @@ impl<'a> Request<'a> {
                 if is_dicom(path) {
                     self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
                 } else {
-                    write_values(volume, &space, path, encoding, &fields)?;
+                    write_values(volume, &space, path, encoding, &fields).map_err(advised)?;
                 }
             }
             if let Some(path) = &beside.weights {
-                write_weights(volume, &space, path, &fields)?;
+                write_weights(volume, &space, path, &fields).map_err(advised)?;
             }
         }
         if let Some(path) = &beside.planes {
@@ -123,12 +123,13 @@ impl<'a> Request<'a> {
         let Encoding { scalar, unseen, .. } = *encoding;
         let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, identifiers };
         let mut weights = vec![0.0; usize::try_from(space.grid.size[0]).unwrap_or(0)];
-        image.check()?;
-        Ok(image.write(path, |y, z, row| {
+        image.check().map_err(advised)?;
+        let written = image.write(path, |y, z, row| {
             let [x0, y0, z0] = space.first;
             volume.row([x0, y0 + y as i64, z0 + z as i64], row, &mut weights);
             row.iter_mut().zip(&weights).for_each(|(value, weight)| *value = encoding.written(*value, *weight));
-        })?)
+        });
+        written.map_err(advised)
     }
 
     /// Returns the volume's provenance, for its header.

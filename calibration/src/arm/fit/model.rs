@@ -3,8 +3,9 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Known, NoFit, Number, Options, Touch, refusal};
+use super::{Known, Number, Options, Touch, refusal};
 use crate::arm::{Arm, JOINTS, Joint, Values};
+use crate::error::ArmError;
 use crate::least_squares::{
     Blocks, Loss, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve,
 };
@@ -174,11 +175,11 @@ impl<'a> Model<'a> {
         }
     }
 
-    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, NoFit> {
+    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, ArmError> {
         let settings = Settings { loss, noise, ..Settings::default() };
         solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks)).map_err(|unsolved| match unsolved {
-            Unsolved::TooFew { parameters, .. } => NoFit::Few { touches: self.touches.len(), numbers: parameters },
-            Unsolved::NotFinite { .. } => NoFit::Senseless("a number is not finite".into()),
+            Unsolved::TooFew { parameters, .. } => ArmError::Few { touches: self.touches.len(), numbers: parameters },
+            Unsolved::NotFinite { .. } => ArmError::Senseless("a number is not finite".into()),
             Unsolved::Undetermined { directions } => refusal::unseen(self, &directions),
         })
     }

@@ -2,7 +2,8 @@
 
 use super::model::{self, Model};
 use super::{Known, Number, Options, Touch};
-use crate::arm::{Arm, BadArm, JOINTS, Kind};
+use crate::arm::{Arm, JOINTS, Kind};
+use crate::error::ArmError;
 use crate::least_squares::{Direction, Solution};
 
 /// Touches are in one pose if no joint moves the tip by more than this, mm.
@@ -15,105 +16,28 @@ const HARDLY_SLID_MM: f64 = 5.0;
 /// agreement.
 const LEAST_FREEDOM: usize = 4;
 
-/// Reasons why touches do not determine an arm.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum NoFit {
-    /// The plate has no such divot, or there is no such distance.
-    #[error("touch {touch} is of {what} {of}, and there are {count}")]
-    Unknown {
-        /// Number of the touch, from 1.
-        touch: usize,
-        /// Divot or distance.
-        what: &'static str,
-        /// Number of the divot or distance, from 1.
-        of: usize,
-        /// Number of known divots or distances.
-        count: usize,
-    },
-    /// A distance needs two touches, one of either end.
-    #[error("distance {distance} has {touches} touches, and must have two: one of either end")]
-    Ends {
-        /// Number of the distance, from 1.
-        distance: usize,
-        /// Number of its touches.
-        touches: usize,
-    },
-    /// No distance is known: an arm twice as large would explain the touches as well.
-    #[error(
-        "all touches are of one divot: touch at least two whose distance is known, or the arm's size stays unknown; or keep the length of one link as it is"
-    )]
-    OneDivot,
-    /// The arm did not move.
-    #[error(
-        "all {touches} touches are in one pose of the arm: bend it otherwise for each touch, the elbow to the left and to the right"
-    )]
-    OnePose {
-        /// Number of touches.
-        touches: usize,
-    },
-    /// The touches do not determine a combination of parameters.
-    #[error("the touches do not tell {what}: {why}")]
-    Undetermined {
-        /// The combination of parameters.
-        what: String,
-        /// Advice for the user.
-        why: String,
-    },
-    /// Too few touches.
-    #[error("{touches} touches are too few for {numbers} numbers: touch more, each place from at least three sides")]
-    Few {
-        /// Number of touches.
-        touches: usize,
-        /// Number of parameters.
-        numbers: usize,
-    },
-    /// The numbers are inconsistent.
-    #[error(
-        "the touches do not belong to this arm and to what is known of the places ({0}): check the arm's start values, the units and which touch is of what"
-    )]
-    Senseless(String),
-    /// The plate or the arm is in other units.
-    #[error(
-        "what is known of the places fits an arm {factor:.4} times as large as the one given: its numbers are in {unit} and must be in mm, or the arm's lengths are in {arm_unit}"
-    )]
-    Units {
-        /// Ratio of the fitted lengths to the given ones: about 10, 25.4 or one over them.
-        factor: f64,
-        /// Apparent unit of the plate or the distances, if not mm.
-        unit: &'static str,
-        /// Apparent unit of the arm's lengths otherwise.
-        arm_unit: &'static str,
-    },
-}
-
-impl From<BadArm> for NoFit {
-    fn from(bad: BadArm) -> Self {
-        Self::Senseless(bad.to_string())
-    }
-}
-
 /// Makes the checks that need no fit.
-pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<(), NoFit> {
+pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<(), ArmError> {
     let (what, count) = match known {
         Known::Divots(_) => ("divot", known.count()),
         Known::Distances(_) => ("distance", known.count()),
     };
     if let Some((index, touch)) = touches.iter().enumerate().find(|(_, touch)| touch.of >= count) {
-        return Err(NoFit::Unknown { touch: index + 1, what, of: touch.of + 1, count });
+        return Err(ArmError::Unknown { touch: index + 1, what, of: touch.of + 1, count });
     }
     let slides = start.joints().iter().any(|joint| joint.kind != Kind::Revolute);
     match known {
         Known::Divots(plate_mm) => {
             let is_sized = slides || !options.lengths.iter().all(|wanted| *wanted);
             if !is_sized && model::is_one(plate_mm, touches) {
-                return Err(NoFit::OneDivot);
+                return Err(ArmError::OneDivot);
             }
         }
         Known::Distances(distances) => {
             for distance in 0..distances.len() {
                 let own = touches.iter().filter(|touch| touch.of == distance).count();
                 if own != 2 {
-                    return Err(NoFit::Ends { distance: distance + 1, touches: own });
+                    return Err(ArmError::Ends { distance: distance + 1, touches: own });
                 }
             }
         }
@@ -121,7 +45,7 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
     let sought = Model::new(start, known, touches, options);
     let numbers = sought.parameters.steps();
     if touches.is_empty() || (!sought.numbers.is_empty() && sought.measured() < numbers + LEAST_FREEDOM) {
-        return Err(NoFit::Few { touches: touches.len(), numbers });
+        return Err(ArmError::Few { touches: touches.len(), numbers });
     }
     let mut reach_mm = 0.0;
     let ranges = model::ranges(start, touches);
@@ -131,13 +55,13 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
         most_mm = most_mm.max((most - least) * if joint.kind == Kind::Revolute { reach_mm } else { 1.0 });
     }
     if !sought.numbers.is_empty() && most_mm < ONE_POSE_MM {
-        return Err(NoFit::OnePose { touches: touches.len() });
+        return Err(ArmError::OnePose { touches: touches.len() });
     }
     Ok(())
 }
 
 /// Returns the refusal for undetermined directions, with advice.
-pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> NoFit {
+pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> ArmError {
     let what = directions.first().map(ToString::to_string).unwrap_or_default();
     let share = |wanted: Number| -> f64 {
         let own = directions.first().into_iter().flat_map(|direction| {
@@ -152,15 +76,12 @@ pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> NoFit {
     let why = match hardly_moved(model) {
         Some(sentence) => sentence,
         None if share(Number::CountsPerUnit) > 0.3 => {
-            "touch places far apart and from all sides, or keep the encoders' counts a turn as the maker states them".into()
+            "touch places that are far apart from all sides, or keep the maker's counts a turn".into()
         }
         None if share(Number::Direction) > 0.3 => "touch from more places along the slide".into(),
-        None => {
-            "touch each place with the elbow bent to the left and to the right, and places near to the base and far from it"
-                .into()
-        }
+        None => "touch each place with the elbow to the left and to the right, near the base and far from it".into(),
     };
-    NoFit::Undetermined { what, why }
+    ArmError::Undetermined { what, why }
 }
 
 /// Returns a sentence about a joint that hardly moved, and so is not determined.
@@ -170,13 +91,11 @@ fn hardly_moved(model: &Model<'_>) -> Option<String> {
     let of = |joint: usize| -> Option<String> {
         let moved = ranges[joint][1] - ranges[joint][0];
         match arm.joints()[joint].kind {
-            Kind::Revolute if moved < HARDLY_TURNED => Some(format!(
-                "joint {} has turned by {:.1}° only in all of them: turn it further",
-                joint + 1,
-                moved.to_degrees()
-            )),
+            Kind::Revolute if moved < HARDLY_TURNED => {
+                Some(format!("joint {} has turned by {:.1}° only; turn it further", joint + 1, moved.to_degrees()))
+            }
             Kind::Prismatic { .. } if moved < HARDLY_SLID_MM => {
-                Some(format!("joint {} has slid by {moved:.1} mm only in all of them: move it further", joint + 1))
+                Some(format!("joint {} has slid by {moved:.1} mm only; move it further", joint + 1))
             }
             _ => None,
         }
@@ -185,7 +104,7 @@ fn hardly_moved(model: &Model<'_>) -> Option<String> {
 }
 
 /// Refuses a fit that scales all links alike: the plate's units differ from the arm's.
-pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Result<(), NoFit> {
+pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Result<(), ArmError> {
     let after = model.joints(&near.state);
     let sum = |joints: &[crate::arm::Joint; JOINTS]| -> f64 {
         let sought = model.numbers.iter().filter(|(_, number, _)| *number == Number::Length);
@@ -205,11 +124,11 @@ pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Re
         (1000.0, "µm", "m"),
     ] {
         if (ratio / factor - 1.0).abs() < 0.15 {
-            return Err(NoFit::Units { factor: ratio, unit, arm_unit });
+            return Err(ArmError::Units { factor: ratio, unit, arm_unit });
         }
     }
     if !(0.5..=2.0).contains(&ratio) {
-        return Err(NoFit::Senseless(format!("links of {after:.0} mm in all instead of {before:.0} mm")));
+        return Err(ArmError::Senseless(format!("links of {after:.0} mm in all instead of {before:.0} mm")));
     }
     Ok(())
 }

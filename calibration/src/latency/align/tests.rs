@@ -4,6 +4,7 @@
 use std::f64::consts::TAU;
 
 use super::*;
+use crate::error::LatencyError;
 use crate::noise::Noise as Random;
 
 /// Noise of the frames' values, of their stamps and of the tracker.
@@ -139,19 +140,19 @@ fn undetermined_lag_is_refused_by_name() {
     let noise = Noise { value: 1.0, ..NONE };
     let (values, track) = session(&mut Random::new(1), 0.05, 18.0, noise);
     let moved = |by: f64| values.iter().map(|v| Observation { time_s: v.time_s + by, ..*v }).collect::<Vec<_>>();
-    assert!(matches!(align(&moved(1000.0), &track, &RANGE), Err(NoLag::NoOverlap { most: 0, .. })));
-    assert!(matches!(align(&values[..20], &track, &RANGE), Err(NoLag::NoOverlap { .. })));
+    assert!(matches!(align(&moved(1000.0), &track, &RANGE), Err(LatencyError::NoOverlap { most: 0, .. })));
+    assert!(matches!(align(&values[..20], &track, &RANGE), Err(LatencyError::NoOverlap { .. })));
     assert!(matches!(
         align(&moved(0.55), &track, &RANGE),
-        Err(NoLag::AtEdge { .. } | NoLag::Unrelated { .. } | NoLag::Ambiguous { .. })
+        Err(LatencyError::AtEdge { .. } | LatencyError::Unrelated { .. } | LatencyError::Ambiguous { .. })
     ));
     let at_edge = align(&moved(0.18), &track, &AlignOptions { range_s: 0.1 });
-    assert!(matches!(at_edge, Err(NoLag::AtEdge { .. })), "{at_edge:?}");
+    assert!(matches!(at_edge, Err(LatencyError::AtEdge { .. })), "{at_edge:?}");
     let still: Vec<Observation> = values.iter().map(|v| Observation { value: 4.0, ..*v }).collect();
-    assert_eq!(align(&still, &track, &RANGE), Err(NoLag::Constant));
+    assert_eq!(align(&still, &track, &RANGE), Err(LatencyError::Constant));
     let mut random = Random::new(9);
     let other: Vec<Observation> = values.iter().map(|v| Observation { value: 50.0 * random.normal(), ..*v }).collect();
-    assert!(matches!(align(&other, &track, &RANGE), Err(NoLag::Unrelated { .. })));
+    assert!(matches!(align(&other, &track, &RANGE), Err(LatencyError::Unrelated { .. })));
     // An even sine equals its own negative half a period later.
     let even = |t: f64| (TAU * 1.3 * t).sin();
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * even(t)])).collect();
@@ -160,7 +161,7 @@ fn undetermined_lag_is_refused_by_name() {
         .map(|t| Observation { time_s: t, value: 80.0 * even(t) + random.normal() })
         .collect();
     let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
-    assert!(matches!(found, Err(NoLag::Ambiguous { .. })), "{found:?}");
+    assert!(matches!(found, Err(LatencyError::Ambiguous { .. })), "{found:?}");
     // In a uniform motion lag and offset cannot be separated.
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * t])).collect();
     let seen: Vec<Observation> = (0..150)
@@ -168,5 +169,11 @@ fn undetermined_lag_is_refused_by_name() {
         .map(|t| Observation { time_s: t, value: 80.0 * t + random.normal() })
         .collect();
     let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
-    assert!(matches!(found, Err(NoLag::Unsure { .. } | NoLag::AtEdge { .. } | NoLag::Ambiguous { .. })), "{found:?}");
+    assert!(
+        matches!(
+            found,
+            Err(LatencyError::Unsure { .. } | LatencyError::AtEdge { .. } | LatencyError::Ambiguous { .. })
+        ),
+        "{found:?}"
+    );
 }

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat};
 
 use super::super::motion::PoseSample;
 use super::*;
+use crate::error::LatencyError;
 use crate::noise::Noise as Random;
 
 const SIZE: u32 = 96;
@@ -120,7 +121,8 @@ fn lag_of_crossing_scan_is_found_within_standard_error() {
 fn undetermined_lag_is_refused_by_name() {
     let mut random = Random::new(77);
     let none = scan(one_way, 0.05, 3.0, &mut random).lag(0.25).unwrap_err();
-    assert!(matches!(none, NoCrossings::TooFew { slices: 150, crossings: 0, .. }), "{none}");
+    let few = LatencyError::FewCrossings { slices: 150, crossings: 0, least: super::LEAST_CROSSINGS };
+    assert_eq!(none, few.into());
     // Too slow for the lag to show.
     let slow: Way = |time| {
         let (turn, place) = both_ways(6.0 + time / 12.0);
@@ -129,7 +131,7 @@ fn undetermined_lag_is_refused_by_name() {
     let slow = scan(slow, 0.05, 3.0, &mut random).lag(0.25);
     assert!(slow.is_err(), "{slow:?}");
     let edge = scan(both_ways, 0.2, 3.0, &mut random).lag(0.1);
-    assert!(matches!(edge, Err(NoCrossings::AtEdge { .. })), "{edge:?}");
+    assert!(matches!(edge, Err(CalibrationError::Latency(LatencyError::AtEdge { .. }))), "{edge:?}");
     // Images of another scan.
     let mut other = scan(both_ways, 0.0, 3.0, &mut random);
     let mut pictures: Vec<Vec<u16>> = other.pixels.iter().map(|(_, pixels)| pixels.clone()).collect();

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use glam::EulerRot;
 
 use super::*;
+use crate::error::LatencyError;
 use crate::noise::Noise as Random;
 
 /// A probe above a floor, with frames every 80 ms and tracked at 50 Hz; `lag` is the tracker's.
@@ -115,45 +116,49 @@ fn filtered_stamps_lose_to_better_counts() {
     assert!((found.alignment.lag_s - (-0.06 - mean)).abs() < 2e-3, "{} {mean}", found.alignment.lag_s);
 }
 
+fn refused(frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions) -> LatencyError {
+    match floor_lag(frames, poses, options) {
+        Err(CalibrationError::Latency(error)) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
 #[test]
 fn invalid_recording_is_refused_by_name() {
     let mut bench = Bench::new(3, 0.02);
     let (frames, poses) = (bench.frames(200), bench.poses(16.0));
-    let refusal = |frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions| {
-        floor_lag(frames, poses, options).unwrap_err().to_string()
-    };
+    let refusal = |frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions| refused(frames, poses, options);
     let lineless: Vec<FloorFrame> = frames.iter().map(|f| FloorFrame { line: Err(NoLine::Scattered), ..*f }).collect();
-    assert!(refusal(&lineless, &poses, &PLAIN).starts_with("of 200 pictures 0 show the line of a floor"));
-    assert!(refusal(&frames[..20], &poses, &PLAIN).contains("and 30 are needed"));
+    let none = refusal(&lineless, &poses, &PLAIN);
+    assert!(matches!(none, LatencyError::NoFloor { frames: 200, lines: 0, scattered: 200, .. }), "{none}");
+    assert!(matches!(refusal(&frames[..20], &poses, &PLAIN), LatencyError::NoFloor { least: 30, .. }));
     let ms: Vec<FloorFrame> = frames
         .iter()
         .map(|f| FloorFrame { stamps: Stamps { given_s: 1e3 * f.stamps.given_s, ..f.stamps }, ..*f })
         .collect();
-    assert!(refusal(&ms, &poses, &PLAIN).contains("are they ms"));
+    assert!(matches!(refusal(&ms, &poses, &PLAIN), LatencyError::Seconds { .. }));
     let still: Vec<FloorFrame> = frames.iter().map(|f| FloorFrame { line: frames[0].line, ..*f }).collect();
-    assert!(refusal(&still, &poses, &PLAIN).starts_with("the floor's line moves by 0.0 px"));
-    assert!(refusal(&frames, &[], &PLAIN).starts_with("of 0 poses none is of the time"));
+    assert!(matches!(refusal(&still, &poses, &PLAIN), LatencyError::PictureStill { extent_px: 0.0, .. }));
+    assert!(matches!(refusal(&frames, &[], &PLAIN), LatencyError::NoPoses { poses: 0, .. }));
     let later: Vec<FloorPose> = poses
         .iter()
         .map(|p| FloorPose { stamps: Stamps { given_s: 500.0 + p.stamps.given_s, ..p.stamps }, ..*p })
         .collect();
-    assert!(refusal(&frames, &later, &PLAIN).contains("of one clock"));
+    let late = refusal(&frames, &later, &PLAIN);
+    assert!(matches!(late, LatencyError::NoPoses { .. } | LatencyError::NoOverlap { .. }), "{late}");
     let resting: Vec<FloorPose> = poses
         .iter()
         .enumerate()
         .map(|(i, p)| FloorPose { position_mm: DVec3::new(0.0, 0.0, 0.1 * (i as f64 * 1.9).sin()), ..*p })
         .collect();
-    assert!(
-        refusal(&frames, &resting, &PLAIN).starts_with("the tracker moves by 0.2"),
-        "{}",
-        refusal(&frames, &resting, &PLAIN)
-    );
+    let rests = refusal(&frames, &resting, &PLAIN);
+    assert!(matches!(rests, LatencyError::TrackerStill { extent_mm: 0.15..0.25, .. }), "{rests}");
     let one_way: Vec<FloorPose> =
         poses.iter().map(|p| FloorPose { position_mm: DVec3::new(0.0, 0.0, p.stamps.given_s), ..*p }).collect();
-    assert!(refusal(&frames, &one_way, &PLAIN).starts_with("the probe turns round 0 times"));
+    assert!(matches!(refusal(&frames, &one_way, &PLAIN), LatencyError::OneWay { turns: 0, .. }));
     let mut wrong = poses.clone();
     wrong[5].position_mm.x = f64::NAN;
-    assert_eq!(refusal(&frames, &wrong, &PLAIN), "pose 5: holds NaN or infinity");
+    assert_eq!(refusal(&frames, &wrong, &PLAIN), LatencyError::NotFinite { index: 5 });
 }
 
 #[test]
@@ -162,11 +167,11 @@ fn other_units_are_named() {
         let mut bench = Bench { unit, ..Bench::new(5, 0.02) };
         let (frames, poses) = (bench.frames(200), bench.poses(16.0));
         let known = FloorOptions { pixel_mm: Some(0.1), ..PLAIN };
-        let said = floor_lag(&frames, &poses, &known).unwrap_err().to_string();
-        assert!(said.contains(hint) && said.contains("0.1000 mm is known"), "{said}");
+        let said = refused(&frames, &poses, &known).to_string();
+        assert!(said.contains(hint) && said.contains("the calibration has 0.1000 mm"), "{said}");
         // Without a calibration the range of possible pixel sizes decides.
         if unit > 11.0 {
-            assert!(matches!(floor_lag(&frames, &poses, &PLAIN), Err(NoFloorLag::Units { .. })), "{unit}");
+            assert!(matches!(refused(&frames, &poses, &PLAIN), LatencyError::Units { .. }), "{unit}");
         }
     }
 }

@@ -7,7 +7,10 @@ use sonoweave_core::frames::{Probe, Tracker};
 use super::*;
 use crate::noise::Noise;
 use crate::phantom::{Geometry, Wire};
+use crate::probe::dots::Dot;
+use crate::probe::recording::Dots;
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
+use crate::probe::track::Poses;
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
 
@@ -22,8 +25,7 @@ fn observed(scan: &Scan, layout: &Layout) -> Vec<Observation> {
         Observation {
             frame: sighting.frame,
             time_s: sighting.time_s,
-            dots,
-            reading,
+            seen: Dots { dots, reading },
             poses: Some(poses[sighting.frame]),
         }
     };
@@ -38,18 +40,25 @@ fn registration(scan: &Scan) -> Registration {
     Registration::new(scan.reference_from_phantom, Some(0.05)).unwrap()
 }
 
+fn refused(layout: &Layout, registration: &Registration, observations: &[Observation]) -> ProbeError {
+    match calibrate(layout, registration, recording(observations), None) {
+        Err(CalibrationError::Probe(error)) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
 /// Returns the refusal for good observations after a change.
-fn refusal(change: impl Fn(&mut Vec<Observation>)) -> String {
+fn refusal(change: impl Fn(&mut Vec<Observation>)) -> ProbeError {
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mut observations = observed(&scan, &scan.layout);
     change(&mut observations);
-    calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap_err().to_string()
+    refused(&scan.layout, &registration(&scan), &observations)
 }
 
 fn read_again(observations: &mut [Observation], layout: &Layout) {
     let mut matcher = Matcher::new();
     for observation in observations {
-        observation.reading = matcher.read(&observation.dots, SIZE_PX, layout);
+        observation.seen.reading = matcher.read(&observation.seen.dots, SIZE_PX, layout);
     }
 }
 
@@ -82,8 +91,9 @@ fn scan_is_validated_on_last_third_and_on_another() {
 
 #[test]
 fn images_without_wires_are_refused() {
-    let none = refusal(|all| all.iter_mut().for_each(|o| (o.dots, o.reading) = (o.dots[..3].to_vec(), None)));
-    assert!(none.contains("no wires are seen") && none.contains("3 bright spots or fewer"), "{none}");
+    let none =
+        refusal(|all| all.iter_mut().for_each(|o| o.seen = Dots { dots: o.seen.dots[..3].to_vec(), reading: None }));
+    assert!(matches!(none, ProbeError::NoWires { pictures: 40, dots: 3, .. }), "{none}");
 }
 
 #[test]
@@ -100,8 +110,8 @@ fn dots_of_another_phantom_are_refused() {
     let patterns = geometry.patterns().map(|pattern| wires[pattern].to_vec()).collect();
     let other = Layout::new(Geometry::new("another", patterns, Vec::new()).unwrap()).unwrap();
     let observations = observed(&scan, &other);
-    let refused = calibrate(&other, &registration(&scan), recording(&observations), None).unwrap_err().to_string();
-    assert!(refused.contains("do not lie as the wires of the phantom another do"), "{refused}");
+    let refused = refused(&other, &registration(&scan), &observations);
+    assert!(matches!(&refused, ProbeError::OtherPhantom { phantom, .. } if phantom == "another"), "{refused}");
 }
 
 #[test]
@@ -109,28 +119,28 @@ fn mirrored_images_are_refused() {
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mirrored = refusal(|all| {
         let flip = |dot: &mut Dot| dot.at_px.x = 819.0 - dot.at_px.x;
-        all.iter_mut().for_each(|o| o.dots.iter_mut().for_each(flip));
+        all.iter_mut().for_each(|o| o.seen.dots.iter_mut().for_each(flip));
         read_again(all, &scan.layout);
     });
-    assert!(mirrored.contains("the pictures are mirrored"), "{mirrored}");
+    assert!(matches!(mirrored, ProbeError::Mirrored { .. }), "{mirrored}");
 }
 
 #[test]
 fn invalid_poses_few_images_and_one_pose_are_refused() {
     let invalid = refusal(|all| all.iter_mut().for_each(|o| o.poses = None));
-    assert!(invalid.contains("of 40 pictures none has valid poses"), "{invalid}");
+    assert_eq!(invalid, ProbeError::NoPoses { pictures: 40 });
     let few = refusal(|all| all.truncate(3));
-    assert!(few.contains("3 pictures with recognised wires") && few.contains("10 are the least"), "{few}");
+    assert_eq!(few, ProbeError::TooFew { pictures: 3 });
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let still = refusal(|all| {
-        let (dots, poses) = (all[5].dots.clone(), all[5].poses);
+        let (dots, poses) = (all[5].seen.dots.clone(), all[5].poses);
         for observation in all.iter_mut() {
-            observation.dots.clone_from(&dots);
+            observation.seen.dots.clone_from(&dots);
             observation.poses = poses.map(|poses| Poses { time_s: observation.time_s, ..poses });
         }
         read_again(all, &scan.layout);
     });
-    assert!(still.contains("all pictures are from one pose") && still.contains("tilt and turn it"), "{still}");
+    assert!(matches!(still, ProbeError::Still { .. }), "{still}");
 }
 
 #[test]
@@ -159,7 +169,7 @@ fn tracker_samples_give_lag() {
 
 #[test]
 fn other_units_than_mm_are_named() {
-    for (factor, word) in [(10.0, "cm"), (25.4, "inches")] {
+    for (factor, units) in [(10.0, Units::Centimetres), (25.4, Units::Inches)] {
         let scaled = |mut affine: DAffine3| {
             affine.translation /= factor;
             affine
@@ -172,7 +182,7 @@ fn other_units_than_mm_are_named() {
                     poses.tracker_from_reference.map(|t| Transform::from_affine(scaled(t.affine())));
             }
         });
-        assert!(poses.contains(&format!("the poses' positions are in {word}")), "{poses}");
+        assert_eq!(poses, ProbeError::PoseUnits { units });
         // The phantom's file in other units, unless its size is refused at once.
         let scan = Scan::new(40, GOOD, &mut Noise::new(31));
         let geometry = scan.layout.geometry();
@@ -186,18 +196,19 @@ fn other_units_than_mm_are_named() {
         };
         let small = Layout::new(small).unwrap();
         let observations = observed(&scan, &small);
-        let file = calibrate(&small, &registration(&scan), recording(&observations), None).unwrap_err().to_string();
-        assert!(file.contains(&format!("as the phantom's file has them if its numbers are {word}")), "{file}");
+        let file = refused(&small, &registration(&scan), &observations);
+        assert_eq!(file, ProbeError::PhantomUnits { units });
     }
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mut affine = scan.reference_from_phantom.affine();
     affine.translation /= 10.0;
     let short = Registration::new(Transform::from_affine(affine), None).unwrap();
     let observations = observed(&scan, &scan.layout);
-    let refused = calibrate(&scan.layout, &short, recording(&observations), None).unwrap_err().to_string();
+    let refused = refused(&scan.layout, &short, &observations);
     // A shift of the phantom equals a shift of the image unless the probe turns, so the cause
     // is not always determined.
-    assert!(refused.contains("on the reference is in cm") || refused.contains("no one place"), "{refused}");
+    let in_cm = ProbeError::RegistrationUnits { units: Units::Centimetres };
+    assert!(refused == in_cm || matches!(refused, ProbeError::Contradictory { .. }), "{refused}");
 }
 
 #[test]
@@ -207,7 +218,7 @@ fn dots_taken_for_another_layer_are_read_again() {
     let mut badly = well.clone();
     // Every third image, all by the same layer: they agree with each other.
     for observation in badly.iter_mut().step_by(3) {
-        let Some(reading) = &mut observation.reading else { continue };
+        let Some(reading) = &mut observation.seen.reading else { continue };
         reading.best.marks.retain(|mark| mark.wire < 6);
         reading.best.marks.iter_mut().for_each(|mark| mark.wire += 3);
     }

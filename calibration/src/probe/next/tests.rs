@@ -109,7 +109,7 @@ fn no_helpful_view_is_reported() {
     let scan = Scan::new(400, GOOD, &mut Noise::new(3));
     let next = ranked(&scan, &found(&scan, ALL), 1);
     assert_eq!(next.best(), None);
-    assert!(next.to_string().starts_with("no view helps much: with 1 more pictures of any"), "{next}");
+    assert!(next.to_string().starts_with("no view helps much: 1 more frames of the best one"), "{next}");
     let refined = found(&scan, ALL);
     assert_eq!(next_view(&scan.layout, &refined, &[], SIZE_PX, PICTURES), None);
 }
@@ -149,6 +149,6 @@ fn motions_match_their_descriptions() {
     let said = |way, by| {
         Candidate { way, by, after_mm: 0.0, phantom_from_probe: Transform::from_affine(DAffine3::IDENTITY) }.to_string()
     };
-    assert_eq!(said(Way::Tilt, 15.0), "tilt the probe about the picture's u axis by +15° (its top towards you)");
-    assert_eq!(said(Way::AlongV, -10.0), "shift the probe by -10 mm along the picture's v (away from the phantom)");
+    assert_eq!(said(Way::Tilt, 15.0), "tilt the probe about the image's u axis by +15° (its top towards you)");
+    assert_eq!(said(Way::AlongV, -10.0), "shift the probe by -10 mm along the image's v (away from the phantom)");
 }

@@ -2,13 +2,14 @@
 
 use glam::{DAffine3, DMat3, DVec2};
 
-use super::glimpse::{Glimpse, Observation, Recording, Seen};
+use super::glimpse::{Glimpse, Seen};
 use super::refine::{Refined, refine};
 use super::{Place, Target, held, motion, planes, points};
+use crate::error::{CalibrationError, ProbeError, Units};
 use crate::least_squares::Direction;
 use crate::probe::calibrate::{LEAST_PICTURES, Outcome, lattice, moved};
 use crate::probe::errors::Errors;
-use crate::probe::refused::{Refused, Units};
+use crate::probe::recording::{Observation, Recording};
 use crate::probe::track::Track;
 
 /// Range of ultrasound pixel sizes, mm: from high-frequency probes to whole abdomens.
@@ -56,12 +57,12 @@ pub struct Calibration {
 /// Calibrates a probe.
 ///
 /// # Errors
-/// [`Refused`] gives the reason and advice.
+/// [`ProbeError`] gives the reason and advice.
 pub fn calibrate(
     target: Target,
-    recording: Recording<'_>,
-    validation: Option<Recording<'_>>,
-) -> Result<Calibration, Refused> {
+    recording: Recording<'_, Seen>,
+    validation: Option<Recording<'_, Seen>>,
+) -> Result<Calibration, CalibrationError> {
     let (mut glimpses, track) = observed(target, recording)?;
     let refined = fit(target, &mut glimpses, &track, recording)?;
     let (mut validated, mut split) = (None, false);
@@ -81,20 +82,20 @@ pub fn calibrate(
     let pictures = pictures(recording, &glimpses, &track, &refined);
     let used = |picture: &&Picture| picture.outcome == Outcome::Used;
     let errors = Errors::of(pictures.iter().filter(used).map(|picture| (picture.frame, picture.off_mm.clone())))
-        .ok_or(Refused::Disagree { agreeing: 0, pictures: glimpses.len() })?;
+        .ok_or(ProbeError::Disagree { agreeing: 0, pictures: glimpses.len() })?;
     Ok(Calibration { refined, size_px: recording.size_px, pictures, errors, validation: validated, split })
 }
 
 /// Returns the images that show the target and have poses, if the probe moved.
-fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, Track), Refused> {
+fn observed(target: Target, recording: Recording<'_, Seen>) -> Result<(Vec<Glimpse>, Track), ProbeError> {
     let pictures = recording.observations.len();
     if recording.observations.iter().all(|observation| observation.poses.is_none()) {
-        return Err(Refused::NoPoses { pictures });
+        return Err(ProbeError::NoPoses { pictures });
     }
     let is_plane = target == Target::Plane;
     let glimpses = recording.glimpses(is_plane);
     if glimpses.len() < LEAST_PICTURES {
-        return Err(Refused::Unseen { line: is_plane, seen: glimpses.len(), pictures, least: LEAST_PICTURES });
+        return Err(ProbeError::Unseen { line: is_plane, seen: glimpses.len(), pictures, least: LEAST_PICTURES });
     }
     let track = recording.poses();
     let maps: Vec<DAffine3> = glimpses.iter().filter_map(|glimpse| glimpse.reference_from_probe(&track, 0.0)).collect();
@@ -103,19 +104,24 @@ fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, T
 }
 
 /// Fits the plane and the target to the glimpses, each of which selects its spot of the target.
-fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recording<'_>) -> Result<Refined, Refused> {
+fn fit(
+    target: Target,
+    glimpses: &mut [Glimpse],
+    track: &Track,
+    recording: Recording<'_, Seen>,
+) -> Result<Refined, ProbeError> {
     let Recording { size_px, timed, .. } = recording;
     let map = |glimpse: &Glimpse| glimpse.reference_from_probe(track, 0.0);
     let turns: Vec<DMat3> = glimpses.iter().filter_map(map).map(|map| map.matrix3).collect();
     let refined = if target == Target::Plane {
         motion::turned_over_plane(&turns, glimpses)?;
-        let refined = planes::find(glimpses, track, size_px, timed).ok_or(Refused::Open)??;
+        let refined = planes::find(glimpses, track, size_px, timed).ok_or(ProbeError::Open)??;
         if let Place::Plane { normal, .. } = refined.place {
             motion::saw_plane(&turns, &refined.plane, normal)?;
         }
         refined
     } else {
-        let begun = points::start(target, glimpses, track, size_px, timed).ok_or(Refused::Open)?;
+        let begun = points::start(target, glimpses, track, size_px, timed).ok_or(ProbeError::Open)?;
         motion::spread(glimpses, &begun.agrees, size_px)?;
         if target == Target::Point {
             motion::turned_about_point(&turns, &begun.plane)?;
@@ -124,28 +130,28 @@ fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recor
     };
     let agreeing = refined.used.iter().filter(|used| **used).count();
     if agreeing < LEAST_PICTURES || (agreeing as f64) < AGREEING * glimpses.len() as f64 {
-        return Err(Refused::Disagree { agreeing, pictures: glimpses.len() });
+        return Err(ProbeError::Disagree { agreeing, pictures: glimpses.len() });
     }
     let pixel_mm = refined.plane.pixel_mm();
     let possible = |factor: f64| pixel_mm.iter().all(|mm| (PIXELS_MM[0]..=PIXELS_MM[1]).contains(&(mm * factor)));
     if !possible(1.0) {
         let units = Units::ALL.into_iter().find(|units| possible(units.factor()));
-        return Err(Refused::PixelSize { pixel_mm, units });
+        return Err(ProbeError::PixelSize { pixel_mm, units });
     }
     let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
     let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(DVec2::from_array);
     let mm = corners.map(|px| refined.predicted_mm(px)).into_iter().fold(0.0, f64::max);
     if mm.is_nan() || mm > UNSURE_MM {
         let weakest = refined.solution().directions().first().map_or(String::new(), Direction::leading);
-        return Err(Refused::Unsure { mm, weakest });
+        return Err(ProbeError::Unsure { mm, weakest });
     }
     Ok(refined)
 }
 
 /// Returns the outcomes of all images.
-fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
+fn pictures(recording: Recording<'_, Seen>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
     let mut of_glimpses = glimpses.iter().zip(&refined.used).peekable();
-    let picture = |observation: &Observation| {
+    let picture = |observation: &Observation<Seen>| {
         let frame = observation.frame;
         let Some((glimpse, used)) = of_glimpses.next_if(|(glimpse, _)| glimpse.frame == frame) else {
             let posed = observation.poses.is_some() || observation.seen == Seen::Nothing;

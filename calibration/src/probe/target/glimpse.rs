@@ -3,7 +3,8 @@
 use glam::{DAffine3, DVec2};
 
 use crate::latency::line::Line;
-use crate::probe::track::{Poses, Track};
+use crate::probe::recording::{Observation, Recording};
+use crate::probe::track::Track;
 
 /// The visible part of the target.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -26,33 +27,6 @@ impl Seen {
         let along = line.direction * (aside / line.direction.x);
         Self::Line([-1.0, 1.0].map(|side| from_px + line.point_px + along * side))
     }
-}
-
-/// An observed image and its poses.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Observation {
-    /// Number of the frame.
-    pub frame: usize,
-    /// Time, s, by the clock of the poses.
-    pub time_s: f64,
-    /// Its view of the target.
-    pub seen: Seen,
-    /// Poses of the sensors; `None` if the tracker reported them invalid.
-    pub poses: Option<Poses>,
-}
-
-/// The images of a recording.
-#[derive(Debug, Clone, Copy)]
-pub struct Recording<'a> {
-    /// In the order of acquisition.
-    pub observations: &'a [Observation],
-    /// Poses of the sensors at all times, from the tracker's own samples; `None` if only the
-    /// images' poses are known.
-    pub track: Option<&'a Track>,
-    /// Pixels along u and v.
-    pub size_px: [u32; 2],
-    /// Whether its times are real times and not frame numbers.
-    pub timed: bool,
 }
 
 /// An image that shows something and has poses.
@@ -80,11 +54,11 @@ impl Glimpse {
     }
 }
 
-impl Recording<'_> {
+impl Recording<'_, Seen> {
     /// Returns the images that show the target, with poses. Lines are ignored for a point, and
     /// dots for a plane.
     pub(super) fn glimpses(&self, is_plane: bool) -> Vec<Glimpse> {
-        let glimpse = |observation: &Observation| {
+        let glimpse = |observation: &Observation<Seen>| {
             observation.poses?;
             let (candidates, marks) = match &observation.seen {
                 Seen::Dots(dots) if !is_plane => (dots.clone(), vec![*dots.first()?]),
@@ -94,12 +68,6 @@ impl Recording<'_> {
             Some(Glimpse { frame: observation.frame, time_s: observation.time_s, candidates, marks })
         };
         self.observations.iter().filter_map(glimpse).collect()
-    }
-
-    /// Returns the poses of the sensors.
-    pub(super) fn poses(&self) -> Track {
-        let of_pictures = || Track::new(self.observations.iter().filter_map(|observation| observation.poses).collect());
-        self.track.cloned().unwrap_or_else(of_pictures)
     }
 }
 

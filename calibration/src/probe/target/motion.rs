@@ -1,13 +1,11 @@
 //! Checks for numbers that the probe's motion leaves undetermined.
 
-use std::fmt;
-
 use glam::{DMat3, DVec2, DVec3};
 
 use super::glimpse::Glimpse;
+use crate::error::{Axis, ProbeError};
 use crate::pivot::Turning;
 use crate::probe::plane::ImagePlane;
-use crate::probe::refused::Refused;
 use crate::statistics::Spread;
 
 /// Minimum rotation of the probe, degrees (root mean square). It is the same as for a stylus's
@@ -16,27 +14,6 @@ const LEAST_TURN_DEG: f64 = 3.0;
 /// Minimum spread of a point's dots in every direction (standard deviation), as a share of the
 /// image's larger side.
 const LEAST_SPREAD: f64 = 0.03;
-
-/// An axis of the image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Axis {
-    /// Along its rows.
-    U,
-    /// Along its columns.
-    V,
-    /// Perpendicular to it.
-    Normal,
-}
-
-impl fmt::Display for Axis {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::U => "u",
-            Self::V => "v",
-            Self::Normal => "the picture's normal",
-        })
-    }
-}
 
 impl Axis {
     /// Returns the axis nearest to a direction in the probe's frame.
@@ -49,22 +26,13 @@ impl Axis {
             () => Self::Normal,
         }
     }
-
-    /// Returns advice for turning a probe about it.
-    pub(in crate::probe) fn advice(self) -> &'static str {
-        match self {
-            Self::U => "tilt the probe fore and aft",
-            Self::V => "turn the probe about its long axis",
-            Self::Normal => "tilt the probe from side to side",
-        }
-    }
 }
 
 /// Checks that the probe turned enough for a point: `turns` map its frame to the reference's.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the missing axes.
-pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<(), Refused> {
+/// [`ProbeError::NoTurn`] names the missing axes.
+pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<(), ProbeError> {
     let all = [Axis::U, Axis::V, Axis::Normal];
     let turning = turning(turns);
     // For a fixed axis the two directions perpendicular to it turn alike.
@@ -82,8 +50,8 @@ pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<
 /// lines themselves show the tilt from side to side.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the missing axes.
-pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result<(), Refused> {
+/// [`ProbeError::NoTurn`] names the missing axes.
+pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result<(), ProbeError> {
     let turning = turning(turns);
     if turning.deg[1] < LEAST_TURN_DEG {
         return refused(vec![Axis::U, Axis::Normal], turning.deg[2]);
@@ -103,8 +71,8 @@ pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result
 /// about the plane's normal is irrelevant.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the missing axis.
-pub(super) fn saw_plane(turns: &[DMat3], plane: &ImagePlane, normal: DVec3) -> Result<(), Refused> {
+/// [`ProbeError::NoTurn`] names the missing axis.
+pub(super) fn saw_plane(turns: &[DMat3], plane: &ImagePlane, normal: DVec3) -> Result<(), ProbeError> {
     let seen: Vec<DVec3> = turns.iter().map(|turn| turn.transpose() * normal).collect();
     let (deg, axis) = weakest(&seen);
     if deg < LEAST_TURN_DEG { refused(vec![Axis::of(axis, plane)], deg) } else { Ok(()) }
@@ -114,8 +82,8 @@ fn turning(turns: &[DMat3]) -> Turning {
     Turning::of(&turns.iter().map(|turn| (*turn, DVec3::ZERO)).collect::<Vec<_>>())
 }
 
-fn refused(axes: Vec<Axis>, deg: f64) -> Result<(), Refused> {
-    Err(Refused::NoTurn { axes, deg, least: LEAST_TURN_DEG })
+fn refused(axes: Vec<Axis>, deg: f64) -> Result<(), ProbeError> {
+    Err(ProbeError::NoTurn { axes, deg, least: LEAST_TURN_DEG })
 }
 
 /// Returns the smaller spread of the plane's normal in the probe's frame, degrees (root mean
@@ -140,8 +108,8 @@ fn weakest(seen: &[DVec3]) -> (f64, DVec3) {
 /// Checks that the point was seen all over the image.
 ///
 /// # Errors
-/// [`Refused::OnePlace`] if the dots are not spread enough.
-pub(super) fn spread(glimpses: &[Glimpse], used: &[bool], size_px: [u32; 2]) -> Result<(), Refused> {
+/// [`ProbeError::OnePlace`] if the dots are not spread enough.
+pub(super) fn spread(glimpses: &[Glimpse], used: &[bool], size_px: [u32; 2]) -> Result<(), ProbeError> {
     let seen: Vec<DVec2> =
         glimpses.iter().zip(used).filter(|(_, used)| **used).flat_map(|(glimpse, _)| glimpse.marks.clone()).collect();
     let n = seen.len().max(1) as f64;
@@ -151,7 +119,7 @@ pub(super) fn spread(glimpses: &[Glimpse], used: &[bool], size_px: [u32; 2]) -> 
     let (half, root) = (0.5 * (xx + yy), (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt());
     let [less, more] = [half - root, half + root].map(|variance| variance.max(0.0).sqrt());
     let least = LEAST_SPREAD * f64::from(size_px[0].max(size_px[1]));
-    if less < least { Err(Refused::OnePlace { line: more >= least, px: less, least }) } else { Ok(()) }
+    if less < least { Err(ProbeError::OnePlace { line: more >= least, px: less, least }) } else { Ok(()) }
 }
 
 #[cfg(test)]
@@ -175,9 +143,9 @@ mod tests {
         (0..391).map(turn).collect()
     }
 
-    fn axes(result: Result<(), Refused>) -> Vec<Axis> {
+    fn axes(result: Result<(), ProbeError>) -> Vec<Axis> {
         match result {
-            Err(Refused::NoTurn { axes, .. }) => axes,
+            Err(ProbeError::NoTurn { axes, .. }) => axes,
             other => panic!("{other:?}"),
         }
     }
@@ -227,8 +195,8 @@ mod tests {
             let all: Vec<Glimpse> = (0..70).map(at).map(glimpse).collect();
             spread(&all, &[true; 70], [820, 616])
         };
-        assert!(matches!(seen(1.0, 1.0), Err(Refused::OnePlace { line: false, .. })));
-        assert!(matches!(seen(1.0, 60.0), Err(Refused::OnePlace { line: true, .. })));
+        assert!(matches!(seen(1.0, 1.0), Err(ProbeError::OnePlace { line: false, .. })));
+        assert!(matches!(seen(1.0, 60.0), Err(ProbeError::OnePlace { line: true, .. })));
         assert_eq!(seen(40.0, 60.0), Ok(()));
     }
 }

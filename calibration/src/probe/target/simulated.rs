@@ -4,10 +4,11 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::Transform;
 
-use super::glimpse::{Observation, Recording, Seen};
+use super::glimpse::Seen;
 use super::{Place, Target};
 use crate::noise::Noise;
 use crate::probe::plane::ImagePlane;
+use crate::probe::recording::{Observation, Recording};
 use crate::probe::track::Poses;
 
 /// Size of the images, pixels.
@@ -44,7 +45,7 @@ pub(super) struct Scan {
     pub(super) target: Target,
     pub(super) plane: ImagePlane,
     pub(super) place: Place,
-    pub(super) observations: Vec<Observation>,
+    pub(super) observations: Vec<Observation<Seen>>,
 }
 
 impl Scan {
@@ -134,7 +135,7 @@ impl Scan {
         Self { target, plane, place, observations }
     }
 
-    pub(super) fn recording(&self, timed: bool) -> Recording<'_> {
+    pub(super) fn recording(&self, timed: bool) -> Recording<'_, Seen> {
         Recording { observations: &self.observations, track: None, size_px: SIZE_PX, timed }
     }
 }

@@ -172,7 +172,7 @@ fn http_returns_measurements_and_slices_of_a_place() {
         ("/v1/measure", "{\"kind\":\"weight\"}", "this measurement is invalid"),
         ("/v1/measure", "{\"kind\":\"distance\",\"points\":[[0,0,0]]}", "two points"),
         ("/v1/slices", "{\"at\":[0,0]}", "not a point of the world"),
-        ("/v1/slices", "{\"at\":[0,0,0]}", "pixels' size"),
+        ("/v1/slices", "{\"at\":[0,0,0]}", "no pixel size"),
     ] {
         let (status, said) = post(path, body);
         assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{said}");

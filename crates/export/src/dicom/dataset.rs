@@ -9,7 +9,7 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 
 use super::uid::uid;
-use super::{DicomError, Identifiers};
+use super::{ExportError, Identifiers};
 use crate::whole::write_whole;
 
 /// Elements of a data set, or of an item of a sequence.
@@ -189,8 +189,8 @@ impl Pixels {
 }
 
 /// Writes a file, whole or not at all.
-pub(super) fn write(dataset: Dataset, path: &Path) -> Result<(), DicomError> {
-    let failed = |source: io::Error| DicomError::Io { path: path.to_owned(), source };
+pub(super) fn write(dataset: Dataset, path: &Path) -> Result<(), ExportError> {
+    let failed = |source: io::Error| ExportError::Write { path: path.to_owned(), source };
     let meta = FileMetaTableBuilder::new()
         .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
         .implementation_class_uid(uid([b"sonoweave".as_slice()]))

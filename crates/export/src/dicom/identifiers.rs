@@ -1,6 +1,6 @@
 //! Identifiers of the patient and the study: only what the user gives.
 
-use super::DicomError;
+use super::ExportError;
 
 /// Largest number of characters of a description or an identifier (value representation LO), and
 /// of a group of a name (PN).
@@ -35,8 +35,8 @@ impl Identifiers {
     /// Checks that the standard allows all of it.
     ///
     /// # Errors
-    /// [`DicomError::Identifier`] with the first invalid one.
-    pub fn check(&self) -> Result<(), DicomError> {
+    /// [`ExportError::Identifier`] with the first invalid one.
+    pub fn check(&self) -> Result<(), ExportError> {
         let texts = [
             ("patient name", &self.patient_name),
             ("patient ID", &self.patient_id),
@@ -44,12 +44,12 @@ impl Identifiers {
             ("series description", &self.series_description),
         ];
         for (what, text) in texts.into_iter().filter_map(|(what, text)| Some((what, text.as_ref()?))) {
-            let refuse = |problem| Err(DicomError::Identifier { what, given: text.clone(), problem });
+            let refuse = |problem| Err(ExportError::Identifier { what, given: text.clone(), problem });
             if text.chars().count() > LONGEST {
                 return refuse("has more than 64 characters; shorten it");
             }
             if text.chars().any(|c| c == '\\' || c.is_control()) {
-                return refuse("must not have a backslash or a control character; leave them out");
+                return refuse("has a backslash or a control character; leave it out");
             }
         }
         if let Some(uid) = &self.study_uid {
@@ -57,13 +57,14 @@ impl Identifiers {
                 !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()) && (part == "0" || !part.starts_with('0'))
             };
             if uid.len() > LONGEST_UID || !uid.contains('.') || !uid.split('.').all(is_number) {
-                let problem = "is no unique identifier: at most 64 digits and points, numbers without leading zeros between points";
-                return Err(DicomError::Identifier { what: "study UID", given: uid.clone(), problem });
+                let problem =
+                    "is no unique identifier; give at most 64 digits and points, and no number with a leading zero";
+                return Err(ExportError::Identifier { what: "study UID", given: uid.clone(), problem });
             }
         }
         if let Some(acquired) = self.acquired.as_ref().filter(|text| !is_date_time(text)) {
-            let problem = "is no date and time; give fourteen digits, as 20261121213000";
-            return Err(DicomError::Identifier { what: "time of acquisition", given: acquired.clone(), problem });
+            let problem = "is no date and time; give fourteen digits such as 20261121213000";
+            return Err(ExportError::Identifier { what: "time of acquisition", given: acquired.clone(), problem });
         }
         Ok(())
     }

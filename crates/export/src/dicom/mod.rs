@@ -35,74 +35,27 @@ pub mod volume;
 mod dataset;
 mod uid;
 
-use std::path::PathBuf;
-
+use super::ExportError;
 pub use identifiers::Identifiers;
 
 /// Largest number of pixel bytes in an image: the length is an even number of 32 bits.
 pub const MOST_BYTES: u64 = 0xffff_fffe;
 
-/// Reason why no file was written.
-#[derive(Debug, thiserror::Error)]
-pub enum DicomError {
-    /// A text or a number that the standard does not allow.
-    #[error("{what} {given:?}: {problem}")]
-    Identifier {
-        /// Name of the text or number.
-        what: &'static str,
-        /// The given value.
-        given: String,
-        /// The problem and its correction.
-        problem: &'static str,
-    },
-    /// A voxel or pixel type that such images do not have.
-    #[error("{0}")]
-    Scalar(String),
-    /// Too many pixels.
-    #[error("{bytes} bytes of pixels are more than the {MOST_BYTES} that a DICOM image can have: {remedy}")]
-    TooLarge {
-        /// Number of bytes.
-        bytes: u64,
-        /// Advice to the user.
-        remedy: &'static str,
-    },
-    /// An edge that is too long.
-    #[error("{pixels} pixels along an edge are more than the 65535 that a DICOM image can have: {remedy}")]
-    TooLong {
-        /// Number of pixels.
-        pixels: u64,
-        /// Advice to the user.
-        remedy: &'static str,
-    },
-    /// Nothing to write.
-    #[error("there is no frame to write")]
-    Empty,
-    /// A file system error.
-    #[error("{path}: writing the DICOM file failed: {source}", path = path.display())]
-    Io {
-        /// The file; it is unchanged.
-        path: PathBuf,
-        /// The system's reason.
-        #[source]
-        source: std::io::Error,
-    },
-}
-
 /// Converts the edges of an image to its number type.
-fn edges(edges: [u64; 2], remedy: &'static str) -> Result<[u16; 2], DicomError> {
-    let edge = |pixels: u64| u16::try_from(pixels).map_err(|_| DicomError::TooLong { pixels, remedy });
+fn edges(edges: [u64; 2], remedy: &'static str) -> Result<[u16; 2], ExportError> {
+    let edge = |pixels: u64| u16::try_from(pixels).map_err(|_| ExportError::DicomTooLong { pixels, remedy });
     Ok([edge(edges[0])?, edge(edges[1])?])
 }
 
 /// Returns the bytes of all frames, if an image can hold them.
-fn bytes(frames: u64, edges: [u16; 2], each: u64, remedy: &'static str) -> Result<usize, DicomError> {
+fn bytes(frames: u64, edges: [u16; 2], each: u64, remedy: &'static str) -> Result<usize, ExportError> {
     let area = u64::from(edges[0]) * u64::from(edges[1]) * each;
     let bytes = frames.saturating_mul(area);
     // The number of frames is a signed integer.
     if bytes > MOST_BYTES || frames > i32::MAX as u64 {
-        return Err(DicomError::TooLarge { bytes, remedy });
+        return Err(ExportError::DicomTooLarge { bytes, remedy });
     }
-    usize::try_from(bytes).map_err(|_| DicomError::TooLarge { bytes, remedy })
+    usize::try_from(bytes).map_err(|_| ExportError::DicomTooLarge { bytes, remedy })
 }
 
 #[cfg(test)]

@@ -11,10 +11,12 @@ use dicom_core::{PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 
 use super::dataset::{Dataset, Image, Pixels, write};
-use super::{DicomError, Identifiers, bytes, edges};
+use super::{ExportError, Identifiers, bytes, edges};
 
 /// Advice for a sweep that is too long.
-const SHORTER: &str = "write fewer frames with --frames A..B";
+const FEWER: &str = "write fewer frames";
+/// Advice for frames that are too large.
+const CROPPED: &str = "crop the frames";
 /// Physical units of a region: cm.
 const CENTIMETRES: u16 = 3;
 
@@ -52,27 +54,27 @@ impl Sweep<'_> {
     /// Returns the pixel bytes of `frames` frames of a size, if an image can hold them.
     ///
     /// # Errors
-    /// [`DicomError::TooLarge`] or [`DicomError::TooLong`].
-    pub fn bytes(frames: u64, size: [u32; 2]) -> Result<usize, DicomError> {
-        bytes(frames, edges(size.map(u64::from), SHORTER)?, 1, SHORTER)
+    /// [`ExportError::DicomTooLarge`] or [`ExportError::DicomTooLong`].
+    pub fn bytes(frames: u64, size: [u32; 2]) -> Result<usize, ExportError> {
+        bytes(frames, edges(size.map(u64::from), CROPPED)?, 1, FEWER)
     }
 
     /// Writes the sweep, whole or not at all.
     ///
     /// # Errors
-    /// [`DicomError`]: it is too large, has no frames or an invalid identifier, or the file
+    /// [`ExportError`]: it is too large, has no frames or an invalid identifier, or the file
     /// cannot be written.
     ///
     /// # Panics
     /// When pixels, times and poses differ in the number of frames: this is an error of the
     /// caller.
-    pub fn write(&self, path: &Path) -> Result<(), DicomError> {
+    pub fn write(&self, path: &Path) -> Result<(), ExportError> {
         self.identifiers.check()?;
         let frames = self.times_ns.len();
-        let plane = edges(self.size.map(u64::from), SHORTER)?;
+        let plane = edges(self.size.map(u64::from), CROPPED)?;
         let bytes = Self::bytes(frames as u64, self.size)?;
         if bytes == 0 {
-            return Err(DicomError::Empty);
+            return Err(ExportError::NoFrame);
         }
         assert_eq!(self.pixels.len(), bytes, "pixels fill the frames");
         assert!(self.poses.is_none_or(|poses| poses.len() == frames), "a pose a frame");

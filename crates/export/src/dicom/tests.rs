@@ -11,6 +11,7 @@ use super::dataset::decimal;
 use super::identifiers::Identifiers;
 use super::sweep::Sweep;
 use super::volume::VolumeImage;
+use crate::ExportError;
 use crate::volume::Scalar;
 
 fn grid() -> Grid {
@@ -165,27 +166,30 @@ fn invalid_input_is_refused_and_leaves_no_file() {
     let refused = |grid: &Grid, scalar: Scalar, identifiers: &Identifiers| {
         let error = volume(grid, scalar, identifiers).write(&path, |_, _, _| panic!("nothing is read")).unwrap_err();
         assert!(!path.exists());
-        error.to_string()
+        error
     };
     let good = grid();
-    assert!(refused(&good, Scalar::F32, &none).contains("--type u8 or u16"));
-    assert!(refused(&Grid { size: [70_000, 1, 1], ..good }, Scalar::U8, &none).contains("70000 pixels"));
-    assert!(refused(&Grid { size: [60_000, 60_000, 2], ..good }, Scalar::U8, &none).contains("7200000000 bytes"));
-    assert!(refused(&Grid { size: [4, 0, 2], ..good }, Scalar::U8, &none).contains("no frame"));
+    assert!(matches!(refused(&good, Scalar::F32, &none), ExportError::FloatingPoint));
+    let sized = |size| refused(&Grid { size, ..good }, Scalar::U8, &none);
+    assert!(matches!(sized([70_000, 1, 1]), ExportError::DicomTooLong { pixels: 70_000, .. }));
+    assert!(matches!(sized([60_000, 60_000, 2]), ExportError::DicomTooLarge { bytes: 7_200_000_000, .. }));
+    assert!(matches!(sized([4, 0, 2]), ExportError::NoFrame));
     let with = |change: fn(&mut Identifiers)| {
         let mut identifiers = Identifiers::default();
         change(&mut identifiers);
-        refused(&good, Scalar::U8, &identifiers)
+        refused(&good, Scalar::U8, &identifiers).to_string()
     };
     assert!(with(|i| i.patient_id = Some("4\\7".into())).contains("backslash"));
     assert!(with(|i| i.patient_name = Some("x".repeat(65))).contains("64 characters"));
     for uid in ["1.2.03", "12", "1..2", "1.2a", ""] {
         let identifiers = Identifiers { study_uid: Some(uid.into()), ..Identifiers::default() };
-        assert!(refused(&good, Scalar::U8, &identifiers).contains("no unique identifier"), "{uid}");
+        let error = refused(&good, Scalar::U8, &identifiers);
+        assert!(matches!(error, ExportError::Identifier { what: "study UID", .. }), "{uid}: {error}");
     }
     for time in ["20230229000000", "2024", "20241301000000", "20240101240000", "2024010112000x", "00000101000000"] {
         let identifiers = Identifiers { acquired: Some(time.into()), ..Identifiers::default() };
-        assert!(refused(&good, Scalar::U8, &identifiers).contains("fourteen digits"), "{time}");
+        let error = refused(&good, Scalar::U8, &identifiers);
+        assert!(matches!(error, ExportError::Identifier { what: "time of acquisition", .. }), "{time}: {error}");
     }
 }
 

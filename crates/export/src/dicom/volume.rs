@@ -9,11 +9,11 @@ use glam::DVec3;
 use volume::Grid;
 
 use super::dataset::{Dataset, Image, Pixels, write};
-use super::{DicomError, Identifiers, bytes, edges};
+use super::{ExportError, Identifiers, bytes, edges};
 use crate::volume::Scalar;
 
 /// Advice for a volume that is too large.
-const SMALLER: &str = "crop the volume with --origin and --size, or choose a coarser --spacing";
+const SMALLER: &str = "crop the volume, or choose a coarser spacing";
 /// Code for unrecorded attributes.
 const UNKNOWN: [&str; 3] = ["261665006", "SCT", "Unknown"];
 
@@ -39,27 +39,22 @@ impl VolumeImage<'_> {
     /// Checks that the volume can be written.
     ///
     /// # Errors
-    /// [`DicomError`] for an invalid type, size or identifier.
-    pub fn check(&self) -> Result<(), DicomError> {
+    /// [`ExportError`] for an invalid type, size or identifier.
+    pub fn check(&self) -> Result<(), ExportError> {
         self.identifiers.check()?;
         self.layout().map(drop)
     }
 
     /// Returns columns and rows of a plane, and bytes of all planes.
-    fn layout(&self) -> Result<([u16; 2], usize), DicomError> {
+    fn layout(&self) -> Result<([u16; 2], usize), ExportError> {
         let each = match self.scalar {
             Scalar::U8 => 1,
             Scalar::U16 => 2,
-            Scalar::F32 => {
-                return Err(DicomError::Scalar(
-                    "DICOM's ultrasound volumes have no floating point: give --type u8 or u16, and with --window LO,HI what becomes black and white"
-                        .into(),
-                ));
-            }
+            Scalar::F32 => return Err(ExportError::FloatingPoint),
         };
         let [nx, ny, nz] = self.grid.size;
         if nx == 0 || ny == 0 || nz == 0 {
-            return Err(DicomError::Empty);
+            return Err(ExportError::NoFrame);
         }
         let plane = edges([nx, ny], SMALLER)?;
         Ok((plane, bytes(nz, plane, each, SMALLER)?))
@@ -70,7 +65,7 @@ impl VolumeImage<'_> {
     ///
     /// # Errors
     /// The errors of [`Self::check`], and file system errors.
-    pub fn write(&self, path: &Path, mut row: impl FnMut(u64, u64, &mut [f32])) -> Result<(), DicomError> {
+    pub fn write(&self, path: &Path, mut row: impl FnMut(u64, u64, &mut [f32])) -> Result<(), ExportError> {
         self.identifiers.check()?;
         let (plane, bytes) = self.layout()?;
         let [nx, ny, nz] = self.grid.size;

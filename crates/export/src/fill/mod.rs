@@ -37,6 +37,7 @@ use volume::Voxels;
 use volume::brick::{BrickIndex, EDGE, VOXELS};
 use volume::brick_volume::SEEN;
 
+use super::ExportError;
 use super::volume::DenseBox;
 use reach::Reach;
 use tile::{TILE_EDGE, Tile};
@@ -106,42 +107,6 @@ impl std::ops::AddAssign for FillWork {
     }
 }
 
-/// Reason why nothing was filled.
-#[derive(Debug, thiserror::Error)]
-pub enum FillError {
-    /// A radius that reaches no voxel.
-    #[error(
-        "holes cannot be filled from within {radius_mm} mm: the nearest voxels are {nearest_mm} mm apart; give a larger radius"
-    )]
-    Radius {
-        /// The given radius.
-        radius_mm: f64,
-        /// The smallest spacing.
-        nearest_mm: f64,
-    },
-    /// A radius that is too large.
-    #[error(
-        "holes cannot be filled from within {radius_mm} mm: that is more than {FARTHEST} voxels of {nearest_mm} mm; give a smaller radius, or a coarser spacing"
-    )]
-    Far {
-        /// The given radius.
-        radius_mm: f64,
-        /// The smallest spacing.
-        nearest_mm: f64,
-    },
-    /// More memory than allowed.
-    #[error(
-        "the filled voxels take more than the {limit_mib} MiB that the volume may take: give a smaller radius, crop the volume, or raise --max-memory"
-    )]
-    Memory {
-        /// Limit, MiB.
-        limit_mib: u64,
-    },
-    /// The system cannot start the threads.
-    #[error("{0} threads cannot be started to fill holes: {1}")]
-    Threads(usize, String),
-}
-
 /// A volume with its holes filled, for file writers.
 pub struct Filled<'a> {
     volume: &'a dyn Voxels,
@@ -155,8 +120,8 @@ impl Filling {
     /// Checks that holes of a lattice of this spacing, mm, can be filled.
     ///
     /// # Errors
-    /// [`FillError`] when the radius reaches no voxel, or too many.
-    pub fn check(&self, spacing: DVec3) -> Result<(), FillError> {
+    /// [`ExportError`] when the radius reaches no voxel, or too many.
+    pub fn check(&self, spacing: DVec3) -> Result<(), ExportError> {
         Reach::new(self.radius_mm, spacing.to_array()).map(drop)
     }
 
@@ -164,7 +129,7 @@ impl Filling {
     /// `limit_bytes` limits the memory of the filled voxels.
     ///
     /// # Errors
-    /// [`FillError`] when the radius reaches no voxel, or too many, or memory or threads do not
+    /// [`ExportError`] when the radius reaches no voxel, or too many, or memory or threads do not
     /// suffice.
     pub fn fill<'a>(
         &self,
@@ -172,7 +137,7 @@ impl Filling {
         space: &DenseBox,
         threads: usize,
         limit_bytes: u64,
-    ) -> Result<Filled<'a>, FillError> {
+    ) -> Result<Filled<'a>, ExportError> {
         let reach = Reach::new(self.radius_mm, space.grid.spacing.to_array())?;
         let tiles = tiles(volume, space, &reach);
         let pool = match threads {
@@ -182,7 +147,7 @@ impl Filling {
                     .num_threads(n)
                     .thread_name(|i| format!("fill-{i}"))
                     .build()
-                    .map_err(|e| FillError::Threads(n, e.to_string()))?,
+                    .map_err(|e| ExportError::Threads { threads: n, reason: e.to_string() })?,
             ),
         };
         let mut filled = Filled { volume, filling: *self, bricks: FxHashMap::default(), work: FillWork::default() };
@@ -201,7 +166,7 @@ impl Filling {
                 filled.bricks.extend(bricks);
             }
             if filled.added_bytes() > limit_bytes {
-                return Err(FillError::Memory { limit_mib: limit_bytes >> 20 });
+                return Err(ExportError::Memory { limit_mib: limit_bytes >> 20 });
             }
         }
         Ok(filled)

@@ -1,6 +1,6 @@
 //! Extent of a radius along each axis of a lattice.
 
-use super::{FARTHEST, FillError, finest};
+use super::{ExportError, FARTHEST, finest};
 
 /// The squared radius as a whole number. Unreachable distances are [`NEVER`], and sums of three
 /// squares stay below 2³¹.
@@ -26,14 +26,14 @@ pub(super) struct Tap {
 }
 
 impl Reach {
-    pub(super) fn new(radius_mm: f64, spacing: [f64; 3]) -> Result<Self, FillError> {
+    pub(super) fn new(radius_mm: f64, spacing: [f64; 3]) -> Result<Self, ExportError> {
         let nearest_mm = finest(spacing);
         // The comparison also rejects NaN.
         if !(radius_mm.is_finite() && radius_mm >= nearest_mm) {
-            return Err(FillError::Radius { radius_mm, nearest_mm });
+            return Err(ExportError::RadiusTooSmall { radius_mm, nearest_mm });
         }
         if radius_mm > (FARTHEST as f64 + 0.5) * nearest_mm {
-            return Err(FillError::Far { radius_mm, nearest_mm });
+            return Err(ExportError::RadiusTooLarge { radius_mm, nearest_mm, most: FARTHEST });
         }
         let squares = spacing.map(|mm| {
             let square = |steps: usize| {

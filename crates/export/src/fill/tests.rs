@@ -200,13 +200,15 @@ fn invalid_radius_and_low_memory_are_refused() {
     let volume = volume(&[([0; 3], 7.0)]);
     let space = space([-8; 3], [16; 3], [0.5, 0.4, 1.0]);
     let refusal = |radius_mm: f64, limit: u64| {
-        let refused = Filling { law: FillMethod::Nearest, radius_mm }.fill(&volume, &space, 1, limit);
-        refused.err().map(|e| e.to_string()).unwrap_or_default()
+        Filling { law: FillMethod::Nearest, radius_mm }.fill(&volume, &space, 1, limit).map(drop)
     };
     for radius in [0.39, 0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(refusal(radius, u64::MAX).contains("0.4 mm apart"), "{radius}");
+        assert!(
+            matches!(refusal(radius, u64::MAX), Err(ExportError::RadiusTooSmall { nearest_mm: 0.4, .. })),
+            "{radius}"
+        );
     }
-    assert!(refusal(13.1, u64::MAX).contains("more than 32 voxels of 0.4 mm"));
-    assert!(refusal(1.0, 100).contains("MiB"));
-    assert_eq!(refusal(0.4, u64::MAX), "");
+    assert!(matches!(refusal(13.1, u64::MAX), Err(ExportError::RadiusTooLarge { most: 32, .. })));
+    assert!(matches!(refusal(1.0, 100), Err(ExportError::Memory { limit_mib: 0 })));
+    assert!(refusal(0.4, u64::MAX).is_ok());
 }

@@ -9,7 +9,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use calibration::arm::{Arm, BadArm, Elbow, Joint, PlanarPose, Sign, Values};
+use calibration::arm::{Arm, Elbow, Joint, PlanarPose, Sign, Values};
+use calibration::error::CalibrationError;
 use calibration::file::CalibrationFile;
 use drivers::simulated::Joints;
 use sonoweave_core::frames::{Image as ImageFrame, Probe, Tracker, Transform, World};
@@ -29,8 +30,8 @@ const PLANAR: f64 = 1e-6;
 /// reach is half a metre. Signs and lengths differ, so that exchanged joints are detected.
 ///
 /// # Errors
-/// [`BadArm`] for an invalid number of counts.
-pub fn standard_arm(counts_per_turn: f64) -> Result<Arm, BadArm> {
+/// [`CalibrationError::Arm`] for an invalid number of counts.
+pub fn standard_arm(counts_per_turn: f64) -> Result<Arm, CalibrationError> {
     let [shoulder, elbow, wrist] = [250.0, 220.0, 60.0].map(|length| Joint::revolute(length, counts_per_turn));
     Arm::new([shoulder, Joint { sign: Sign::Minus, ..elbow }, wrist])
 }

@@ -28,7 +28,7 @@ pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> R
         (RANGE_FIELD.to_owned(), grey_levels.map(|level| level.to_string()).join(" ")),
     ];
     let [path, beside] = free(folder)?;
-    let said = |error: export::volume::ExportError| error.to_string();
+    let said = |error: export::ExportError| error.to_string();
     if let Some(weights) = weights {
         write_taken(space, Scalar::F32, weights, &beside, &fields).map_err(said)?;
     }

@@ -22,7 +22,7 @@ pub(super) fn gathered(path: &Path, arguments: &Arguments) -> Result<PathBuf, Fa
     let work = Work { arguments, session: path };
     let gathered = lead(path, &arguments.gathering, |bedside| {
         let Tracking::Arm(_) = bedside.tracking else {
-            return Err(work.within("it has no [arm]; give a session configuration with an arm"));
+            return Err(work.within("has no [arm]; give a session configuration with an arm"));
         };
         let calibration = &bedside.calibration;
         let (arm, _) = work.start(calibration.arm, calibration.arm_fit_rms_mm)?;
@@ -53,7 +53,7 @@ impl Guide for Touching<'_> {
 
     fn advise(&mut self) -> Advice {
         if self.readings.is_empty() {
-            return Advice::missing("waiting for an arm that is homed");
+            return Advice::missing("waiting for a homed arm");
         }
         self.judged().unwrap_or_else(|Failure(why)| Advice::missing(why))
     }
@@ -67,7 +67,7 @@ impl Touching<'_> {
         let fitted = fit(&self.arm, &known, &touched.touches, &self.work.options(&self.arm, &touched))?;
         let most = Reach::of(&fitted).most_mm;
         let says = format!(
-            "{}: the tip is known to {most:.2} mm at worst, where {} are wanted; go on, the arm bent otherwise each time",
+            "{}: the tip is known to {most:.2} mm at worst, the goal is {} mm; touch on, with the arm bent differently each time",
             touched.words(),
             arguments.goal
         );

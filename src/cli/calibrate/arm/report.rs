@@ -152,7 +152,7 @@ impl Results<'_> {
     /// Formats a fit as text.
     pub(super) fn of_fit(&self, fitted: &Fitted, reach: &Reach, options: &Options) -> String {
         let mut text = format!(
-            "{}: {:.3} mm off (rms; at most {:.3}), {:.2} times what the seat's is said to be{}\n",
+            "{}: {:.3} mm off (rms; at most {:.3}), {:.2} times the seat's repeatability{}\n",
             self.touched.words(),
             fitted.rms_mm,
             fitted.most_mm,
@@ -175,11 +175,11 @@ impl Results<'_> {
         };
         for joint in (0..JOINTS).filter(is_kept) {
             let mm = fitted.arm.joints()[joint].length_mm;
-            let _ = writeln!(text, "  {:24} {mm} mm, as it was", format!("length of joint {}", joint + 1));
+            let _ = writeln!(text, "  {:24} {mm} mm, unchanged", format!("length of joint {}", joint + 1));
         }
         let _ = writeln!(
             text,
-            "the tip is known to {:.3} mm where the arm was bent as in the touches (rms; at most {:.3}), one standard deviation; encoders put up to {:.3} mm to it",
+            "the tip is known to {:.3} mm in the touches' part of the reach (rms; at most {:.3}), one standard deviation; rounding of the encoders adds up to {:.3} mm",
             reach.rms_mm, reach.most_mm, reach.rounding_mm
         );
         for ring in &reach.rings {
@@ -199,8 +199,8 @@ impl Results<'_> {
     /// Formats a check as text.
     pub(super) fn of_check(&self, checked: &Checked, fit_rms_mm: Option<f64>) -> String {
         let fit = match fit_rms_mm {
-            Some(mm) => format!("its fit left {mm:.3}"),
-            None => "what its fit left is not known".to_owned(),
+            Some(mm) => format!("its fit had {mm:.3}"),
+            None => "its fit's residual is unknown".to_owned(),
         };
         let mut text = format!(
             "{}: {:.3} mm off (rms; at most {:.3}); {fit}{}\n",
@@ -211,7 +211,7 @@ impl Results<'_> {
         );
         self.lines(&checked.residuals_mm, &[], &mut text);
         if !checked.changed {
-            text += "it is the arm that was fitted\n";
+            text += "the arm agrees with its calibration\n";
         }
         text
     }

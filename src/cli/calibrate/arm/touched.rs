@@ -113,23 +113,27 @@ impl Which {
         let within = |problem: String| Failure(format!("{}: {problem}", session.display()));
         let rests = find(arm, readings, self.still, self.rest);
         if let Some(none) = self.skip.iter().find(|number| !(1..=rests.len()).contains(*number)) {
-            return Err(within(format!("--skip {none}: the joints rested {} times{}", rests.len(), listed(&rests))));
+            return Err(within(format!(
+                "--skip {none}: must be a rest's number, and the joints rested {} times{}",
+                rests.len(),
+                listed(&rests)
+            )));
         }
         if rests.is_empty() {
             return Err(within(format!(
-                "the joints never rested for {} s: hold the tip still for two seconds wherever it is set down",
+                "the joints never rested for {} s; hold the tip still for two seconds at each touch",
                 self.rest
             )));
         }
         let numbered = (1..).zip(rests.iter().copied()).filter(|(number, _)| !self.skip.contains(number));
         let kept: Vec<(usize, Rest)> = numbered.collect();
-        let told = || format!("; leave out by --skip what was no touch{}", listed(&rests));
+        let told = || format!("; leave out by --skip the rests that were no touches{}", listed(&rests));
         let (place, of): (Place, Vec<usize>) = match place {
             Place::Point => (Place::Point, vec![0; kept.len()]),
             Place::Divots(divots) if self.order.is_empty() => {
                 if !kept.len().is_multiple_of(divots.len()) {
                     return Err(within(format!(
-                        "the joints rested {} times, which is no whole number of rounds over {} divots: name by --order which touch is of which divot{}",
+                        "the joints rested {} times, which is no whole number of rounds over {} divots; give the divot of each touch by --order{}",
                         kept.len(),
                         divots.len(),
                         told()
@@ -141,7 +145,7 @@ impl Which {
             Place::Divots(divots) => {
                 if self.order.len() != kept.len() {
                     return Err(within(format!(
-                        "--order names the divots of {} touches, and the joints rested {} times{}",
+                        "--order gives the divots of {} touches, but the joints rested {} times{}",
                         self.order.len(),
                         kept.len(),
                         told()
@@ -149,13 +153,13 @@ impl Which {
                 }
                 let of = self.order.iter().map(|number| number.checked_sub(1));
                 let of = of.collect::<Option<Vec<usize>>>();
-                (Place::Divots(divots), of.ok_or_else(|| Failure("--order: divots are counted from 1".into()))?)
+                (Place::Divots(divots), of.ok_or_else(|| Failure("--order 0: divots have numbers from 1".into()))?)
             }
             Place::Distances(distances) => {
                 let pairs = kept.len() / 2;
                 if !kept.len().is_multiple_of(2) || ![1, pairs].contains(&distances.len()) {
                     return Err(within(format!(
-                        "the joints rested {} times, which is not two touches for each of {} distances{}",
+                        "the joints rested {} times, but each of {} distances takes two touches{}",
                         kept.len(),
                         if distances.len() == 1 { pairs } else { distances.len() },
                         told()

@@ -93,7 +93,7 @@ impl Report {
             && (1e3 * lag_s - paired_ms).abs() > OTHER * 1e3 * lag_se_s
         {
             notes.push(format!(
-                "the session was woven by a lag of {paired_ms:.1} ms, which is {:.1} ms off",
+                "the session was reconstructed with a lag of {paired_ms:.1} ms, which is {:.1} ms off",
                 (1e3 * lag_s - paired_ms).abs()
             ));
         }
@@ -150,26 +150,26 @@ impl Report {
         if let Some(line) = &self.line {
             let Frames { used, outliers, without_motion, without_line } = line.frames;
             say(
-                "pictures",
+                "frames",
                 format!(
-                    "{used} with a floor, {outliers} of them too far off; {without_motion} where nothing moves, {without_line} without a line"
+                    "{used} with a floor, {outliers} of them outliers; {without_motion} without motion, {without_line} without a line"
                 ),
             );
             say(
                 "motion",
                 format!(
-                    "{:.1} px by {:.1} mm, {} turns; {:.4} mm a pixel; {:.2} px are left",
+                    "{:.1} px for {:.1} mm, {} turns; {:.4} mm a pixel; residual {:.2} px",
                     line.extent_px, line.extent_mm, line.turns, line.mm_per_px, line.residual_px
                 ),
             );
             let [video, tracker] = line.stamps.map(Reading::words);
-            say("times", format!("pictures by {video}, poses by {tracker}"));
+            say("times", format!("frames by {video}, poses by {tracker}"));
         }
         if let Some(found) = &self.crossings {
             say(
                 "crossings",
                 format!(
-                    "{} of {} slices; they correlate by {:.3}, and without a lag by {:.3}",
+                    "{} of {} slices; correlation {:.3}, without a lag {:.3}",
                     found.crossings, found.slices, found.correlation, found.correlation_without_lag
                 ),
             );
@@ -184,11 +184,11 @@ impl Report {
 const WANDERS_S: f64 = 2e-3;
 
 fn wandering(found: &FloorLag) -> Vec<String> {
-    let of = ["pictures", "poses"];
+    let of = ["frames", "poses"];
     let each = of.into_iter().zip(found.wander_s).filter(|(_, wander)| *wander > WANDERS_S);
     each.map(|(what, wander)| {
         format!(
-            "the stamps of the {what} wander by {:.1} ms (standard deviation) about the times by which both agree best: the lag is that of their mean, and single {what} are off by as much",
+            "the time stamps of the {what} wander by {:.1} ms (standard deviation): the lag is that of their mean, and single {what} deviate by as much",
             1e3 * wander
         )
     })

@@ -73,7 +73,10 @@ impl Source {
     ) -> Result<Unfit, Failure> {
         self.video.pictures(|shown| match shown.stamps {
             Some(stamps) => take(shown, stamps),
-            None => Err(Failure(format!("{}: its pictures have no times", self.video.path().display()))),
+            None => Err(Failure(format!(
+                "{}: its frames have no time stamps; record them with time stamps",
+                self.video.path().display()
+            ))),
         })
     }
 
@@ -97,9 +100,13 @@ impl Source {
                 })?;
                 if found.is_empty() {
                     return Err(Failure(format!(
-                        "{}: holds no valid ProbeToTracker; it holds {}",
+                        "{}: holds no valid ProbeToTracker ({}); record the probe's poses",
                         tracker.display(),
-                        if names.is_empty() { "no transform".to_owned() } else { names.join(", ") }
+                        if names.is_empty() {
+                            "it holds no transform".to_owned()
+                        } else {
+                            format!("it holds {}", names.join(", "))
+                        }
                     )));
                 }
                 Ok(found)
@@ -193,7 +200,7 @@ fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffin
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     let found = survey(device.as_mut(), &calibration.pairing_options(None))?;
     let Some(first) = found.poses.first() else {
-        return Err(Failure(format!("{}: no frame has a pose", path.display())));
+        return Err(Failure(format!("{}: no frame has a pose; record a tracked sequence", path.display())));
     };
     let first = first.world_from_image.affine();
     // The frame of the first image: u along x, v in the plane of x and y.
@@ -205,7 +212,7 @@ fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffin
     let back = of_pixels.inverse();
     let pose = |pose: &sync::FramePose| {
         let rigid = nearest_rigid(&(pose.world_from_image.affine() * back), RIGID_TOLERANCE);
-        let (rigid, _) = rigid.map_err(|e| Failure(format!("{}: picture {}: {e}", path.display(), pose.item)))?;
+        let (rigid, _) = rigid.map_err(|e| Failure(format!("{}: frame {}: {e}", path.display(), pose.item)))?;
         Ok::<_, Failure>(sample(seconds(pose.time_ns), &rigid))
     };
     Ok((found.poses.iter().map(pose).collect::<Result<_, _>>()?, of_pixels))

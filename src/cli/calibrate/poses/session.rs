@@ -26,7 +26,7 @@ pub(super) fn read(recording: &Recording, path: &Path) -> Result<Poses, Failure>
 pub(in crate::cli::calibrate) fn poses(recording: &Recording, tracks: &Tracks, path: &Path) -> Result<Poses, Failure> {
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
     let unknown = |name: &str, flag: &str| {
-        within(format!("nothing is called {name} in it; it tracks {}: name the frame with {flag}", tracks.names()))
+        within(format!("holds no frame {name}, only {}; name the frame with {flag}", tracks.names()))
     };
     let stylus = tracks.of(&recording.stylus).ok_or_else(|| unknown(&recording.stylus, "--stylus"))?;
     let frame = match &recording.reference {

@@ -24,7 +24,7 @@ impl Reproducibility {
     pub(super) fn words(&self) -> String {
         let Self { subsets, centre, corner } = self;
         format!(
-            "Calibrated {subsets} times with a part of the pictures left out, the middle of the picture moves by {centre:.2} mm at most, its corners by {corner:.2} mm."
+            "Reproducibility: in {subsets} calibrations, each without another part of the frames, the image's centre moves by at most {centre:.2} mm, its corners by {corner:.2} mm."
         )
     }
 }

@@ -31,16 +31,16 @@ pub(super) fn verdict(
 ) {
     let good = held.is_some_and(|told| told.mean <= limit_mm);
     let held = held.map_or_else(
-        || "nothing was held out".to_owned(),
+        || "no frames were left for validation".to_owned(),
         |told| format!("{:.2} mm {of}; limit {limit_mm} mm)", told.mean),
     );
     let word = if good { "Accepted" } else { "Not proven" };
-    page.verdict(good, &format!("{word}: {held}. A point is known to {centre:.2} mm in the middle of the picture and {corner:.2} mm in its worst corner (one standard deviation)."));
+    page.verdict(good, &format!("{word}: {held}. A point is known to {centre:.2} mm at the image's centre and {corner:.2} mm at its worst corner (one standard deviation)."));
     let reasons: Vec<String> = frames.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!("; not used: {}", reasons.join(", ")) };
     let Frames { used, total, .. } = frames;
     let [u, v] = pixel_mm;
-    page.say(&format!("{used} of {total} pictures were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
+    page.say(&format!("{used} of {total} frames were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
 }
 
 /// Writes the lag of the poses, if it was sought.
@@ -48,7 +48,7 @@ pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
     if sd_s > 0.0 {
         let side = if lag_s > 0.0 { "later" } else { "earlier" };
         page.say(&format!(
-            "The tracker's poses come {:.1} ± {:.1} ms {side} than the pictures.",
+            "The tracker's poses come {:.1} ± {:.1} ms {side} than the frames.",
             1e3 * lag_s.abs(),
             1e3 * sd_s
         ));
@@ -76,7 +76,7 @@ pub(super) fn over_the_picture(
     (dots, what): (&[[DVec2; 2]], &str),
     predicted_mm: &[Vec<f64>],
 ) {
-    page.part(&format!("How far {what} lie from where the calibration has them"));
+    page.part(&format!("Residuals: distances of {what} from their calculated positions"));
     let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
     let mut vectors = Plate::new(size_px);
     vectors.outline(&[DVec2::ZERO, DVec2::new(u, 0.0), DVec2::new(u, v), DVec2::new(0.0, v)]);
@@ -90,11 +90,11 @@ pub(super) fn over_the_picture(
     page.figures(&[
         (
             vectors.svg(&format!("residuals of all {what} over the image plane")),
-            format!("All {what} that were used and how far they are off, drawn {LONGER:.0} times as long. Vectors that point alike somewhere are an error of the calibration; those that point anywhere are noise."),
+            format!("Residuals of all used {what}, drawn {LONGER:.0} times as long. Neighbouring vectors of one direction are errors of the calibration; random directions are noise."),
         ),
         (
-            map.svg(&format!("predicted error over the image plane, and where {what} were")),
-            format!("Predicted error of where a point lies, one standard deviation, by the covariance of what was fitted: small where {what} are, larger away from them."),
+            map.svg(&format!("predicted error over the image plane, and positions of {what}")),
+            format!("Predicted error of a point's position, one standard deviation, by the fit's covariance: small near {what}, larger away from them."),
         ),
     ]);
 }
@@ -102,7 +102,7 @@ pub(super) fn over_the_picture(
 /// Draws each image's error.
 pub(super) fn bars(page: &mut Page, told: &Told, limit_mm: f64, about: &str, caption: &str) {
     let limit = (told.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
-    let bars = Bars { values: &told.per_frame, unit: "mm", along: "pictures", limit };
+    let bars = Bars { values: &told.per_frame, unit: "mm", along: "frames", limit };
     page.figure(&bars.svg(about), caption);
 }
 

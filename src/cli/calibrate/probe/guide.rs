@@ -74,8 +74,8 @@ impl Guide for Scanned<'_> {
             return;
         };
         let looked = shown_now(&picture, &timed).and_then(|shown| {
-            let (dots, reading) = self.looker.look(shown.size, &shown.view()?)?;
-            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), dots, reading, poses: None })
+            let seen = self.looker.look(shown.size, &shown.view()?)?;
+            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses: None })
         });
         match looked {
             Ok(seen) => self.seen.push(seen),
@@ -85,7 +85,7 @@ impl Guide for Scanned<'_> {
 
     fn advise(&mut self) -> Advice {
         let Some(size_px) = self.looker.size_px() else {
-            return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for pictures".into()));
+            return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for frames".into()));
         };
         let track = match self.tracks.track(&self.frames.probe, &self.frames.reference) {
             Ok(track) => track,
@@ -103,13 +103,13 @@ impl Guide for Scanned<'_> {
         let held_out = found.validation.as_ref().map(|[errors, _]| errors.mean);
         let pictures = self.seen.len() as f64;
         let mut says = format!(
-            "a point is known to {centre:.2} mm at the picture's centre, {corner:.2} at the worst corner, where {} are wanted, by {} of {} pictures",
+            "a point is known to {centre:.2} mm at the image's centre and {corner:.2} at the worst corner, the goal is {} mm, from {} of {} frames",
             self.goal_mm,
             found.used(),
             observations.len()
         );
         if let Some(mm) = held_out.filter(|mm| *mm > self.limit_mm) {
-            says += &format!("; what was scanned last is {mm:.2} mm off: was the phantom moved, or is metal near?");
+            says += &format!("; the last frames are {mm:.2} mm off: keep the phantom in its place, and metal away");
             return Advice::at(0.5, says);
         }
         let next = found.next_view(self.layout, recording, next::pictures(found.used()));

@@ -28,18 +28,15 @@ impl Lag {
         let (tracker_ms, se_ms) = (video_ms + 1e3 * lag_s, 1e3 * sd_s);
         let kept_out = if se_ms > MOST_SE_MS {
             Some(format!(
-                "{se_ms:.1} ms are too unsure, as {MOST_SE_MS:.0} are wanted; move the probe more briskly, or find it by `calibrate latency`"
+                "its error of {se_ms:.1} ms is more than {MOST_SE_MS:.0} ms; move the probe faster, or use `calibrate latency`"
             ))
         } else if tracker_ms.abs() > MOST_MS {
-            Some(format!("no tracker is {tracker_ms:.0} ms late; are the stamps of one clock?"))
+            Some(format!("a latency of {tracker_ms:.0} ms is implausible; check that all time stamps are of one clock"))
         } else {
             known.and_then(|known| match known.lag_se_ms {
                 Some(ms) if ms >= se_ms => None,
-                Some(ms) => Some(format!("the file has one that is known to {ms:.1} ms")),
-                None => Some(
-                    "the file has one, and does not say how well it is known; take its [latency] out to have this one"
-                        .into(),
-                ),
+                Some(ms) => Some(format!("the file has one with an error of {ms:.1} ms")),
+                None => Some("the file has one without an error; remove its [latency] to replace it".into()),
             })
         };
         Self { latency: Latency { video_ms, tracker_ms, lag_se_ms: Some(se_ms) }, kept_out }
@@ -74,10 +71,10 @@ mod tests {
         assert!((written.tracker_ms - 19.8).abs() < 1e-9, "{}", written.tracker_ms);
         assert!(lag(0.002, Some(known(Some(2.0)))).latency().is_some(), "the same once more");
         for (unfit, says) in [
-            (lag(0.0051, None), "5.1 ms are too unsure"),
-            (lag(0.002, Some(known(Some(1.9)))), "known to 1.9 ms"),
-            (lag(0.002, Some(known(None))), "does not say how well"),
-            (Lag::new([1.2, 0.001], 0.0, None), "no tracker is 1200 ms late"),
+            (lag(0.0051, None), "its error of 5.1 ms"),
+            (lag(0.002, Some(known(Some(1.9)))), "an error of 1.9 ms"),
+            (lag(0.002, Some(known(None))), "without an error"),
+            (Lag::new([1.2, 0.001], 0.0, None), "a latency of 1200 ms"),
         ] {
             assert!(unfit.latency().is_none() && unfit.text().contains(says), "{}", unfit.text());
         }

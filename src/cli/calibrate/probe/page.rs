@@ -24,29 +24,32 @@ impl Report {
             &[
                 ("middle wires (PLUS's definition)", Some(&self.error_mm)),
                 ("all wires", Some(&self.wire_error_mm)),
-                ("middle wires, pictures held out", self.validation_error_mm.as_ref()),
-                ("all wires, pictures held out", self.validation_wire_error_mm.as_ref()),
-                ("middle wires, held out, no lag, registration as given", self.validation_error_as_given_mm.as_ref()),
+                ("middle wires, validation frames", self.validation_error_mm.as_ref()),
+                ("all wires, validation frames", self.validation_wire_error_mm.as_ref()),
+                (
+                    "middle wires, validation frames, no lag, registration as given",
+                    self.validation_error_as_given_mm.as_ref(),
+                ),
             ],
         );
-        page.part("What was seen");
+        page.part("Detections");
         let figures: Vec<_> = shown.iter().filter_map(|shown| self.seen(shown)).collect();
         page.figures(&figures);
-        page.note("Green rings: dots that were used, by their wires. Dashed red: dots that the others contradict. Orange crosses: where the calibration has the wires.");
+        page.note("Green rings: used dots, by their wires. Dashed red: dots that the others contradict. Orange crosses: the wires by the calibration.");
         let used = self.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used);
         let dots: Vec<[DVec2; 2]> = used.map(|dot| [dot.seen_px, dot.expected_px].map(DVec2::from_array)).collect();
         drawn::over_the_picture(&mut page, self.image_size_px, (&dots, "dots"), &self.predicted_error_mm);
-        page.part("Picture by picture");
+        page.part("Frame by frame");
         drawn::bars(
             &mut page,
             &self.error_mm,
             limit_mm,
-            "error of each picture",
-            "Mean error of each picture's middle wires.",
+            "error of each frame",
+            "Mean error of each frame's middle wires.",
         );
         if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
-            let caption = "The same of the second recording, which had no part in the calibration.";
-            drawn::bars(&mut page, held, limit_mm, "error of each picture that was held out", caption);
+            let caption = "The same for the second recording, which the calibration did not use.";
+            drawn::bars(&mut page, held, limit_mm, "error of each validation frame", caption);
         }
         self.wires_table(&mut page);
         self.particulars(&mut page);
@@ -55,9 +58,9 @@ impl Report {
 
     fn verdict(&self, page: &mut Page, limit_mm: f64) {
         let of = if self.validation_is_split {
-            "mean error of the middle wires on pictures that had no part in it (the last third, by a calibration from the others"
+            "mean error of the middle wires on validation frames (the last third, with a calibration from the others"
         } else {
-            "mean error of the middle wires on pictures that had no part in it (a second recording"
+            "mean error of the middle wires on validation frames (a second recording"
         };
         let held = (self.validation_error_mm.as_ref(), of, limit_mm);
         drawn::verdict(page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
@@ -82,8 +85,8 @@ impl Report {
             plate.cross(DVec2::from_array(dot.expected_px), Ink::Expected);
         }
         let error = mean_off(picture);
-        let svg = plate.svg(&format!("picture {} of the recording with its dots", shown.frame));
-        Some((svg, format!("Picture {}: {error:.2} mm on average.", shown.frame)))
+        let svg = plate.svg(&format!("frame {} of the recording with its dots", shown.frame));
+        Some((svg, format!("Frame {}: {error:.2} mm on average.", shown.frame)))
     }
 
     fn wires_table(&self, page: &mut Page) {
@@ -111,11 +114,11 @@ impl Report {
         page.part("Particulars");
         let scatter = &self.scatter;
         page.say(&format!(
-            "Noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v. The phantom fits best {:.2} mm and {:.2}° from where it was registered. Condition {:.1}.",
+            "Noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v. The phantom fits best {:.2} mm and {:.2}° off its registration. Condition {:.1}.",
             scatter.position_mm, scatter.turn_deg, scatter.dot_px[0], scatter.dot_px[1], self.registration_change_mm, self.registration_change_deg, self.condition
         ));
-        drawn::matrix(page, "ImageToProbe, pixels of the picture (right, down) to mm:", &self.image_to_probe);
-        drawn::matrix(page, "PhantomToReference, as it fits best:", &self.phantom_to_reference);
+        drawn::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
+        drawn::matrix(page, "PhantomToReference, best fit:", &self.phantom_to_reference);
         let inputs = [Some(&self.input), Some(&self.phantom), self.validation.as_ref()];
         drawn::made_from(page, inputs.into_iter().flatten().map(|input| input.name()).collect());
     }

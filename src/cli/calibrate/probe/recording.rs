@@ -3,35 +3,76 @@
 use glam::DVec2;
 
 use calibration::picture::GreyView;
-use calibration::probe::dots::Dot;
-use calibration::probe::matching::Reading;
 use calibration::probe::track::Track;
-use calibration::probe::{DotFinder, Layout, Matcher, Observation, Recording};
+use calibration::probe::{DotFinder, Dots, Layout, Matcher, Observation, Recording};
 use config::phantom::FrameNames;
 use mask::{Mask, MaskSettings};
 use sonoweave_core::region::ClipRect;
 
 use super::super::super::{Failure, input};
-use super::super::recorded::{Recorded, data};
+use super::super::recorded::{self, Recorded, Tracked, data};
 
 /// Observations from a recording.
-pub(super) struct Observed {
-    pub(super) observations: Vec<Observation>,
+pub(super) struct Observed<S = Dots> {
+    pub(super) observations: Vec<Observation<S>>,
     /// Sensor poses between the images, if the recording has them.
     track: Option<Track>,
     pub(super) size_px: [u32; 2],
     /// Whether all images have a time.
     timed: bool,
     /// Reason of the first image without poses.
-    pub(super) first_refusal: Option<String>,
+    first_refusal: Option<String>,
 }
 
-impl Observed {
+impl<S> Observed<S> {
+    /// Looks at all images of a recording, which must have one size.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be read, or holds no grey images of 8 bits.
+    pub(super) fn new(
+        recorded: &Recorded,
+        tracked: &Tracked,
+        mut see: impl FnMut(&recorded::Shown<'_>) -> Result<S, Failure>,
+    ) -> Result<Self, Failure> {
+        let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
+        let bar = input::progress("looking", tracked.pictures());
+        let (mut observations, mut size_px, mut timed, mut first_refusal) = (Vec::new(), None, true, None);
+        let unfit = recorded.pictures(|shown| {
+            bar.inc(1);
+            let size = *size_px.get_or_insert(shown.size);
+            if shown.size != size {
+                return Err(within(sizes(size, shown.size)));
+            }
+            timed &= shown.stamps.is_some();
+            let seen = see(&shown).map_err(|Failure(why)| within(why))?;
+            let poses = tracked.at(&shown).map_err(|why| first_refusal.get_or_insert(why)).ok();
+            observations.push(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses });
+            Ok(())
+        })?;
+        bar.finish_and_clear();
+        let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
+        let Some(size_px) = size_px else {
+            let why = first_refusal.map_or(String::new(), |why| format!("; the first frame: {why}"));
+            return Err(within(format!("holds no usable frame{why}")));
+        };
+        Ok(Self { observations, track: tracked.track().cloned(), size_px, timed, first_refusal })
+    }
+
     /// Returns the form that the calibration takes.
-    pub(super) fn recording(&self) -> Recording<'_> {
+    pub(super) fn recording(&self) -> Recording<'_, S> {
         let Self { observations, track, size_px, timed, .. } = self;
         Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
     }
+
+    /// Notes the first unusable image, for the end of a refusal.
+    pub(super) fn also(&self) -> String {
+        self.first_refusal.as_ref().map_or(String::new(), |why| format!(" (the first unusable frame: {why})"))
+    }
+}
+
+fn sizes(first: [u32; 2], other: [u32; 2]) -> String {
+    let [[a, b], [c, d]] = [first, other];
+    format!("its frames have several sizes, {a}×{b} and {c}×{d} pixels; record frames of one size")
 }
 
 /// An image to show.
@@ -71,28 +112,9 @@ pub(super) fn observe(
     frames: &FrameNames,
     clip: Option<ClipRect>,
 ) -> Result<Observed, Failure> {
-    let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
     let tracked = recorded.tracked(&frames.probe, &frames.reference)?;
-    let bar = input::progress("looking", tracked.pictures());
     let mut looker = Looker::new(layout, clip, recorded.bedside().map(|bedside| bedside.mask));
-    let (mut observations, mut timed, mut first_refusal) = (Vec::new(), true, None);
-    let unfit = recorded.pictures(|shown| {
-        bar.inc(1);
-        let (dots, reading) = looker.look(shown.size, &shown.view()?).map_err(|Failure(why)| within(why))?;
-        timed &= shown.stamps.is_some();
-        let poses = tracked.at(&shown);
-        let poses = poses.map_err(|why| first_refusal.get_or_insert(why)).ok();
-        observations.push(Observation { frame: number(shown.frame), time_s: shown.time_s(), dots, reading, poses });
-        Ok(())
-    })?;
-    bar.finish_and_clear();
-    let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
-    let Some(size_px) = looker.size_px() else {
-        let why = first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
-        return Err(within(format!("holds no picture that can be used{why}")));
-    };
-    let track = tracked.track().cloned();
-    Ok(Observed { observations, track, size_px, timed, first_refusal })
+    Observed::new(recorded, &tracked, |shown| looker.look(shown.size, &shown.view()?))
 }
 
 /// Searches images, all of one size, for a phantom's wires.
@@ -120,15 +142,15 @@ impl<'a> Looker<'a> {
     ///
     /// # Errors
     /// [`Failure`] for an image of another size than the first.
-    pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<(Vec<Dot>, Option<Reading>), Failure> {
+    pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<Dots, Failure> {
         let region = Region::within(&mut self.region, self.mask, self.clip, size)?;
         if size != region.size {
-            return Err(Failure(format!("its pictures are of different sizes, {:?} and {size:?}", region.size)));
+            return Err(Failure(sizes(region.size, size)));
         }
         let mut dots = self.finder.find(view, region.clip).to_vec();
         dots.retain(|dot| region.holds(dot.at_px));
         let reading = self.matcher.read(&dots, size, self.layout);
-        Ok((dots, reading))
+        Ok(Dots { dots, reading })
     }
 }
 

@@ -17,7 +17,7 @@ use super::again::Reproducibility;
 use super::lag::Lag;
 
 /// Explains the viewing direction that left and right refer to.
-pub(super) const YOU: &str = "as you see the probe with its marked side at the right and its face below";
+pub(super) const YOU: &str = "seen with the probe's marked side at the right and its face below";
 /// Points along each axis of the grid of predicted errors.
 pub(super) const LATTICE: usize = 9;
 
@@ -247,11 +247,11 @@ impl Frames {
         frames
     }
 
-    /// Formats the counts for people: `80 of 100 pictures used (20 no valid pose)`.
+    /// Formats the counts for people: `80 of 100 frames used (20 no valid pose)`.
     pub(super) fn told(&self, of: &str) -> String {
         let reasons: Vec<String> = self.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
         let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
-        format!("{} of {} pictures{of} used{reasons}", self.used, self.total)
+        format!("{} of {} frames{of} used{reasons}", self.used, self.total)
     }
 }
 
@@ -379,8 +379,8 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     if let Some([middle, all]) = &found.validation {
         let _ = writeln!(
             text,
-            "errors on pictures that had no part{}:",
-            if found.split { " (the last third, by a calibration from the others)" } else { "" }
+            "errors on validation frames{}:",
+            if found.split { " (the last third, with a calibration from the others)" } else { "" }
         );
         line(&mut text, "middle wires (PLUS's definition)", middle);
         line(&mut text, "all wires", all);
@@ -391,7 +391,7 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     let [centre, corner] = predicted_ends(found);
     let _ = writeln!(
         text,
-        "predicted error (one standard deviation): {:.3} mm in the middle of the picture, {:.3} in its worst corner; condition {:.1}",
+        "predicted error (one standard deviation): {:.3} mm at the image's centre, {:.3} at its worst corner; condition {:.1}",
         centre,
         corner,
         refined.condition()
@@ -400,7 +400,7 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     let (turn, shift) = refined.registration_change();
     let _ = writeln!(
         text,
-        "noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v; the phantom fits best {shift:.2} mm and {turn:.2}° from where it was registered",
+        "noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v; the phantom fits best {shift:.2} mm and {turn:.2}° off its registration",
         refined.scatter.position_mm,
         refined.scatter.turn_rad.to_degrees(),
         refined.scatter.dot_px[0],
@@ -417,7 +417,7 @@ pub(super) fn lag_line(lag_s: f64, sd_s: f64) -> String {
     let (lag_ms, sd_ms) = (1e3 * lag_s, 1e3 * sd_s);
     let side = if lag_ms > 0.0 { "later" } else { "earlier" };
     format!(
-        "poses come {:.1} ± {sd_ms:.1} ms {side} than pictures: the tracker's latency_ms has to be {lag_ms:.1} more than the video's\n",
+        "poses come {:.1} ± {sd_ms:.1} ms {side} than frames: the tracker's latency_ms must be {lag_ms:.1} more than the video's\n",
         lag_ms.abs()
     )
 }

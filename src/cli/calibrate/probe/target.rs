@@ -11,17 +11,19 @@ use std::time::Instant;
 use clap::Args;
 use glam::DVec2;
 
+use calibration::error::{CalibrationError, ProbeError};
 use calibration::file::preset::Quality;
-use calibration::probe::target::{Calibration, Observation, Recording, Target, calibrate};
+use calibration::probe::target::{Calibration, Seen, Target, calibrate};
+use calibration::probe::{Observation, Recording};
 
 use super::super::super::{Failure, values};
 use super::super::outputs::{Input, print};
 use super::super::tip::tip;
 use super::again::again;
 use super::lag::Lag;
-use super::recording::pictures;
+use super::recording::{Observed, pictures};
 use super::{Arguments, Made, Method};
-use look::{Looked, Names, look};
+use look::{Names, look};
 use report::{Inputs, Report, text};
 
 /// Flags of the methods that need no phantom file.
@@ -83,19 +85,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let seen = look(&recorded, names, *clip, is_plane)?;
+    let (seen, reference) = look(&recorded, names, *clip, is_plane)?;
     let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
+    let second = second.map(|(second, _)| second);
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
-    let found = calibrate(target, seen.recording(), second.as_ref().map(Looked::recording))
-        .map_err(|e| within(format!("{e}{}", seen.also())))?;
+    let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording)).map_err(|e| {
+        let disagree = matches!(e, CalibrationError::Probe(ProbeError::Disagree { .. }));
+        let clip = if disagree { "; --clip limits the search to a part of the image" } else { "" };
+        within(format!("{e}{clip}{}", seen.also()))
+    })?;
     if let Some(errors) = &found.validation
         && errors.mean > *limit
     {
         return Err(within(format!(
-            "the result is {:.2} mm off on pictures that had no part in it, more than --limit {limit} mm; did what was scanned rest, or is the tracker disturbed by metal?",
+            "the result is {:.2} mm off on validation frames, more than --limit {limit} mm; keep the target at rest, and metal away from the tracker",
             errors.mean
         )));
     }
@@ -106,13 +112,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         validation: validate.as_deref().map(Input::of).transpose()?,
     };
     let probe_from_image = found.refined.probe_from_image();
-    let provenance = format!(
-        "{}, {} pictures of {}, {:.2} mm",
-        method.title(),
-        found.used(),
-        inputs.input.name(),
-        found.errors.mean
-    );
+    let provenance =
+        format!("{}, {} frames of {}, {:.2} mm", method.title(), found.used(), inputs.input.name(), found.errors.mean);
     let made = Made {
         probe_from_image,
         size_px: found.size_px,
@@ -121,17 +122,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         inputs: inputs.all().map(Input::listed).collect(),
     };
     let preset = arguments.preset(made);
-    let text = text(&found, *method, &seen.reference);
-    let without = |observations: &[Observation]| {
+    let text = text(&found, *method, &reference);
+    let without = |observations: &[Observation<Seen>]| {
         let recording = Recording { observations, ..seen.recording() };
         Some(calibrate(target, recording, None).ok()?.refined.plane)
     };
     let again = outputs
         .wants_report()
         .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
-    let report = Report::new(&found, inputs, *method, seen.reference.clone(), *limit)
-        .took(looked_s, solved_s)
-        .again(again.flatten());
+    let report =
+        Report::new(&found, inputs, *method, reference, *limit).took(looked_s, solved_s).again(again.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
@@ -149,19 +149,19 @@ impl Arguments {
         for (flag, is_given) in [("--phantom", phantom.is_some()), ("--registration", registration.is_some())] {
             if is_given {
                 return Err(Failure(format!(
-                    "{flag}: --method {name} needs no phantom, for where the target lies is found with the rest; leave it out"
+                    "{flag}: has no effect with --method {name}, which finds the target's position itself; leave it out"
                 )));
             }
         }
         match (method, stylus_tip) {
             (Method::Stylus, None) => Err(Failure(
-                "--method stylus has to know where the stylus's tip is: name the file that says it with --stylus-tip, or find it with `calibrate pivot`".into(),
+                "--method stylus needs the position of the stylus's tip; give its file with --stylus-tip, or find it with `calibrate pivot`".into(),
             )),
             (Method::Stylus, Some(_)) if reference.is_some() => Err(Failure(
-                "--reference: with --method stylus poses are taken in the stylus's frame, which --stylus names; leave it out".into(),
+                "--reference: has no effect with --method stylus, whose poses are in the frame that --stylus names; leave it out".into(),
             )),
             (Method::Stylus, Some(file)) => Ok(Some(file)),
-            (_, Some(_)) => Err(Failure(format!("--stylus-tip: --method {name} has no stylus; leave it out"))),
+            (_, Some(_)) => Err(Failure(format!("--stylus-tip: has no effect with --method {name}; leave it out"))),
             (_, None) => Ok(None),
         }
     }

@@ -93,7 +93,7 @@ impl Ways {
         let Some(direct) = way(sensor, reference) else {
             let listed: Vec<String> = names.iter().map(|(from, to)| transform_name(from, to)).collect();
             return Err(format!(
-                "no way leads from {sensor} to {reference}, which the phantom is held on; it holds {}",
+                "no transforms lead from {sensor} to {reference}, the frame of the phantom; it holds {}",
                 if listed.is_empty() { "no transform".to_owned() } else { listed.join(", ") }
             ));
         };

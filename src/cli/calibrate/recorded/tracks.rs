@@ -96,13 +96,12 @@ impl Tracks {
     /// A sentence when one of them is not tracked.
     pub(in crate::cli::calibrate) fn track(&self, sensor: &str, reference: &str) -> Result<Track, String> {
         let named = |name: &str, what: &str| {
-            self.history(name)
-                .ok_or_else(|| format!("nothing is called {name} in it, which {what}; it tracks {}", self.names()))
+            self.history(name).ok_or_else(|| format!("holds no frame {name}, {what}, only {}", self.names()))
         };
-        let own = named(sensor, "is sought")?;
+        let own = named(sensor, "the sensor of the probe")?;
         let other = match reference {
             TRACKER_FRAME => None,
-            name => Some(named(name, "the phantom is held on")?),
+            name => Some(named(name, "the frame of the phantom")?),
         };
         let poses = self.of(sensor).unwrap_or_default().iter().filter_map(|sample| {
             let at = |history: &PoseHistory| Some(history.at(sample.time_ns).ok()?.pose().affine());

@@ -1,6 +1,7 @@
 //! Phantoms that no single image determines: one N, N's in one plane, N's turned to each other.
 
 use super::*;
+use crate::error::ProbeError;
 use crate::phantom::tests::three_ns;
 use crate::probe::simulated::{Hand, places};
 
@@ -32,14 +33,14 @@ fn cluttered(observations: &mut [Observation], layout: &Layout, noise: &mut Nois
     let mut matcher = Matcher::new();
     for observation in observations {
         let echo = |dot: &Dot| Dot { at_px: dot.at_px + DVec2::new(0.0, 130.0), contrast: 30.0, ..*dot };
-        let echoes: Vec<Dot> = observation.dots.iter().map(echo).collect();
-        observation.dots.extend(echoes);
+        let echoes: Vec<Dot> = observation.seen.dots.iter().map(echo).collect();
+        observation.seen.dots.extend(echoes);
         for _ in 0..4 {
             let at_px = DVec2::new(noise.between(0.0, 819.0), noise.between(0.0, 615.0));
-            observation.dots.push(Dot { at_px, contrast: noise.between(10.0, 50.0) as f32, area_px: 30 });
+            observation.seen.dots.push(Dot { at_px, contrast: noise.between(10.0, 50.0) as f32, area_px: 30 });
         }
-        observation.dots.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
-        observation.reading = matcher.read(&observation.dots, SIZE_PX, layout);
+        observation.seen.dots.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+        observation.seen.reading = matcher.read(&observation.seen.dots, SIZE_PX, layout);
     }
 }
 
@@ -103,10 +104,13 @@ fn mirrored_row_of_dots_is_found_by_poses() {
     let wires = three_ns().wires().to_vec();
     let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 80, GOOD, &mut Noise::new(73));
     let mut observations = observed(&scan, &scan.layout);
-    for dot in observations.iter_mut().flat_map(|observation| &mut observation.dots) {
+    for dot in observations.iter_mut().flat_map(|observation| &mut observation.seen.dots) {
         dot.at_px.x = 819.0 - dot.at_px.x;
     }
     read_again(&mut observations, &scan.layout);
     let refused = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap_err();
-    assert!(matches!(refused, Refused::Mirrored { pictures } if pictures > 60), "{refused}");
+    assert!(
+        matches!(refused, CalibrationError::Probe(ProbeError::Mirrored { pictures }) if pictures > 60),
+        "{refused}"
+    );
 }

@@ -1,9 +1,9 @@
 use glam::DVec3;
 
 use super::*;
+use crate::error::{Axis, ProbeError};
 use crate::noise::Noise;
 use crate::probe::simulated::places;
-use crate::probe::target::Axis;
 use crate::probe::target::simulated::{GOOD, Imperfect, Motion, Scan};
 use crate::probe::track::Poses;
 
@@ -16,11 +16,18 @@ fn apart(found: &Calibration, scan: &Scan) -> f64 {
     places().map(off).into_iter().fold(0.0, f64::max)
 }
 
-fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation)) -> Refused {
+fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation<Seen>)) -> ProbeError {
     let motion = Motion { tilt: DVec3::from_array(tilt), ..GOOD };
     let mut scan = Scan::new(target, 60, motion, USUAL, &mut Noise::new(30));
     scan.observations.iter_mut().for_each(change);
-    calibrate(target, scan.recording(true), None).unwrap_err()
+    refusal(target, &scan)
+}
+
+fn refusal(target: Target, scan: &Scan) -> ProbeError {
+    match calibrate(target, scan.recording(true), None) {
+        Err(CalibrationError::Probe(error)) => error,
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
@@ -58,7 +65,7 @@ fn same_scan_gives_same_bits() {
 #[test]
 fn insufficient_motion_is_refused_with_missing_axes() {
     let missing = |target: Target, tilt: [f64; 3]| match refused(target, tilt, |_| {}) {
-        Refused::NoTurn { axes, .. } => axes,
+        ProbeError::NoTurn { axes, .. } => axes,
         other => panic!("{target:?} {tilt:?}: {other}"),
     };
     let [u, v, normal] = [Axis::U, Axis::V, Axis::Normal];
@@ -69,7 +76,7 @@ fn insufficient_motion_is_refused_with_missing_axes() {
     assert_eq!(missing(Target::Plane, [0.5, 0.0, 0.0]), [normal]);
     assert_eq!(missing(Target::Plane, [0.0, 0.0, 0.5]), [u]);
     let said = refused(Target::Plane, [0.0, 0.0, 0.5], |_| {}).to_string();
-    assert!(said.contains("no rotation about u: ") && said.contains("tilt the probe fore and aft"), "{said}");
+    assert!(said.contains("hardly turned about u ") && said.ends_with("; tilt the probe fore and aft"), "{said}");
     // A tip's position is known, so no rotation is needed.
     let motion = Motion { tilt: DVec3::ZERO, ..GOOD };
     let scan = Scan::new(TIP, 60, motion, USUAL, &mut Noise::new(30));
@@ -79,28 +86,28 @@ fn insufficient_motion_is_refused_with_missing_axes() {
 #[test]
 fn insufficient_recordings_are_refused_with_advice() {
     for target in [Target::Point, TIP, Target::Plane] {
-        let said = |change: &dyn Fn(&mut Observation)| refused(target, [0.5; 3], change).to_string();
-        assert!(said(&|o| o.poses = None).contains("of 60 pictures none has valid poses"));
-        let unseen = said(&|o| {
+        let after = |change: &dyn Fn(&mut Observation<Seen>)| refused(target, [0.5; 3], change);
+        assert_eq!(after(&|o| o.poses = None), ProbeError::NoPoses { pictures: 60 });
+        let unseen = after(&|o| {
             if o.frame % 8 > 0 {
                 o.seen = Seen::Nothing;
             }
         });
-        assert!(unseen.contains("is seen in 8 of 60 pictures with valid poses, and in 10 it has to be"), "{unseen}");
+        assert!(matches!(unseen, ProbeError::Unseen { seen: 8, pictures: 60, least: 10, .. }), "{unseen}");
         let still = Scan::new(target, 60, GOOD, USUAL, &mut Noise::new(30));
         let one = still.observations[0].poses;
-        let held = said(&|o| o.poses = one.map(|poses| Poses { time_s: o.time_s, ..poses }));
-        assert!(held.contains("all pictures are from one pose"), "{held}");
+        let held = after(&|o| o.poses = one.map(|poses| Poses { time_s: o.time_s, ..poses }));
+        assert!(matches!(held, ProbeError::Still { .. }), "{held}");
     }
     let in_one_place = Motion { part: 0.01, ..GOOD };
     for target in [Target::Point, TIP] {
         let scan = Scan::new(target, 60, in_one_place, Imperfect { wrong: 0.0, ..USUAL }, &mut Noise::new(30));
-        let said = calibrate(target, scan.recording(true), None).unwrap_err().to_string();
-        assert!(said.contains("the point is seen in one place of the picture only"), "{said}");
+        let error = refusal(target, &scan);
+        assert!(matches!(error, ProbeError::OnePlace { line: false, .. }), "{error}");
     }
     // Metres are recognised by the pixel size; a point gives no other evidence.
     let said = refused(Target::Point, [0.5; 3], |o| {
         o.poses = o.poses.map(|poses| Track::new(vec![poses]).scaled(0.001).poses()[0]);
     });
-    assert!(matches!(said, Refused::PixelSize { units: Some(_), .. }), "{said}");
+    assert!(matches!(said, ProbeError::PixelSize { units: Some(_), .. }), "{said}");
 }

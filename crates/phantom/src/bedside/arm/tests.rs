@@ -73,7 +73,7 @@ fn joints_follow_probe_and_counts_round_to_nearest() {
 fn non_planar_or_unreachable_motion_is_refused() {
     let refusal = |motion| at_bedside(motion, 40_000.0, BEGIN).unwrap_err().to_string();
     let hand = refusal(Motion::Freehand);
-    assert!(hand.contains("out of the arm's plane and is tilted by") && hand.contains("choose a motion"), "{hand}");
+    assert!(hand.contains("out of the arm's plane and tilted by") && hand.contains("choose a motion"), "{hand}");
     let crossing = refusal(Motion::Crossing);
     assert!(crossing.starts_with("frame 30 of the sweep") && crossing.contains("90.000°"), "{crossing}");
     let bedside = Arc::new(Bedside::new(Scan::new(small(Motion::Parallel)).unwrap(), BEGIN));

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use calibration::latency::line::{Finder, Still};
 use calibration::picture::GreyView;
-use calibration::probe::DotFinder;
-use calibration::probe::target::{Observation, Recording, Seen, Target, calibrate};
+use calibration::probe::target::{Seen, Target, calibrate};
+use calibration::probe::{DotFinder, Observation, Recording};
 use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
 use mask::MaskSettings;
 use sonoweave_core::region::ClipRect;
@@ -69,7 +69,7 @@ struct Scanned<'a> {
     region: Option<Region>,
     tracks: Tracks,
     /// Their poses are added later.
-    seen: Vec<Observation>,
+    seen: Vec<Observation<Seen>>,
     trouble: Option<String>,
 }
 
@@ -133,10 +133,10 @@ impl Guide for Scanned<'_> {
 
     fn advise(&mut self) -> Advice {
         let Some(region) = self.region.as_ref().filter(|_| !self.seen.is_empty()) else {
-            return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for pictures".into()));
+            return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for frames".into()));
         };
         if !self.eye.learn() {
-            return Advice::missing("scan on: what stands still in the pictures is being told from what moves");
+            return Advice::missing("scan on: the search for static pixels needs more frames");
         }
         let usual = if self.tracks.of(REFERENCE_FRAME).is_some() { REFERENCE_FRAME } else { TRACKER_FRAME };
         let track = match self.tracks.track(self.names.probe, self.names.reference.unwrap_or(usual)) {
@@ -144,7 +144,7 @@ impl Guide for Scanned<'_> {
             Err(why) => return Advice::missing(why),
         };
         let some = self.seen.iter().step_by(self.seen.len().div_ceil(MOST_PICTURES).max(1));
-        let observations: Vec<Observation> =
+        let observations: Vec<Observation<Seen>> =
             some.map(|seen| Observation { poses: track.at(seen.time_s), ..seen.clone() }).collect();
         let recording =
             Recording { observations: &observations, track: Some(&track), size_px: region.size, timed: true };
@@ -154,12 +154,12 @@ impl Guide for Scanned<'_> {
         };
         let [centre, corner] = ends(&found);
         let says = format!(
-            "a point is known to {centre:.2} mm at the picture's centre, {corner:.2} at the worst corner, where {} are wanted; {}",
+            "a point is known to {centre:.2} mm at the image's centre and {corner:.2} at the worst corner, the goal is {} mm; {}",
             self.goal_mm,
             if self.target == Target::Plane {
-                "raise and lower the probe, tilt it fore and aft and from side to side, the plane in sight"
+                "raise and lower the probe, tilt it fore and aft and from side to side, with the plane in the image"
             } else {
-                "bring it to all parts of the picture, and tilt and turn the probe"
+                "bring the point to all parts of the image, and tilt and turn the probe"
             }
         );
         Advice::at((self.goal_mm / corner).powi(2).min(self.seen.len() as f64 / ENOUGH_PICTURES), says)

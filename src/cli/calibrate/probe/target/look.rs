@@ -5,15 +5,14 @@ use glam::DVec2;
 use calibration::latency::line::{Finder, Still};
 use calibration::picture::GreyView;
 use calibration::probe::DotFinder;
-use calibration::probe::target::{Observation, Recording, Seen};
-use calibration::probe::track::Track;
+use calibration::probe::target::Seen;
 use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
 use mask::MaskSettings;
 use sonoweave_core::region::ClipRect;
 
-use super::super::super::super::{Failure, input};
+use super::super::super::super::Failure;
 use super::super::super::recorded::{Recorded, Shown, Tracked};
-use super::super::recording::Region;
+use super::super::recording::{Observed, Region};
 
 /// Largest number of spots of an image that may be the point; the most prominent ones.
 const MOST_SPOTS: usize = 12;
@@ -26,34 +25,8 @@ pub(super) struct Names<'a> {
     pub(super) reference: Option<&'a str>,
 }
 
-/// Detections and poses.
-pub(super) struct Looked {
-    observations: Vec<Observation>,
-    /// Sensor poses between the images, if the recording has them.
-    track: Option<Track>,
-    pub(super) size_px: [u32; 2],
-    timed: bool,
-    /// Reason of the first image without poses.
-    first_refusal: Option<String>,
-    /// Name of the frame in which the target rests.
-    pub(super) reference: String,
-}
-
-impl Looked {
-    /// Returns the form that the calibration takes.
-    pub(super) fn recording(&self) -> Recording<'_> {
-        let Self { observations, track, size_px, timed, .. } = self;
-        Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
-    }
-
-    /// Notes the first unusable image, for the end of a refusal.
-    pub(super) fn also(&self) -> String {
-        let why = |why: &String| format!(" (the first that could not be used: {why})");
-        self.first_refusal.as_ref().map_or(String::new(), why)
-    }
-}
-
-/// Searches a recording's images for a point, or for the line of a plane.
+/// Searches a recording's images for a point, or for the line of a plane. Also returns the name
+/// of the frame in which the target rests.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read, holds no grey images of 8 bits, or has no way from the
@@ -63,34 +36,14 @@ pub(super) fn look(
     names: Names<'_>,
     clip: Option<ClipRect>,
     is_plane: bool,
-) -> Result<Looked, Failure> {
-    let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
+) -> Result<(Observed<Seen>, String), Failure> {
     let (tracked, reference) = tracked(recorded, names)?;
     let mut region: Option<Region> = None;
     let mut eye = if is_plane { Eye::Line(finder(recorded, clip)?) } else { Eye::Dots(DotFinder::new()) };
-    let bar = input::progress("looking", tracked.pictures());
-    let (mut observations, mut timed, mut first_refusal) = (Vec::new(), true, None);
-    let unfit = recorded.pictures(|shown| {
-        bar.inc(1);
-        let region = Region::within(&mut region, mask(recorded), clip, shown.size)?;
-        if shown.size != region.size {
-            return Err(within(format!("its pictures are of different sizes, {:?} and {:?}", region.size, shown.size)));
-        }
-        timed &= shown.stamps.is_some();
-        let seen = eye.seen(&shown, region)?;
-        let poses = tracked.at(&shown).map_err(|why| first_refusal.get_or_insert(why)).ok();
-        let frame = usize::try_from(shown.frame).unwrap_or(usize::MAX);
-        observations.push(Observation { frame, time_s: shown.time_s(), seen, poses });
-        Ok(())
+    let seen = Observed::new(recorded, &tracked, |shown| {
+        eye.seen(shown, Region::within(&mut region, mask(recorded), clip, shown.size)?)
     })?;
-    bar.finish_and_clear();
-    let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
-    let Some(Region { size: size_px, .. }) = region else {
-        let why = first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
-        return Err(within(format!("holds no picture that can be used{why}")));
-    };
-    let track = tracked.track().cloned();
-    Ok(Looked { observations, track, size_px, timed, first_refusal, reference })
+    Ok((seen, reference))
 }
 
 /// Returns the probe's poses and the name of their frame.

@@ -19,9 +19,9 @@ impl Report {
     pub(super) fn page(&self, shown: &[Shown]) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
         let of = if self.validation_is_split {
-            "mean error on pictures that had no part in it (the last third, by a calibration from the others"
+            "mean error on validation frames (the last third, with a calibration from the others"
         } else {
-            "mean error on pictures that had no part in it (a second recording"
+            "mean error on validation frames (a second recording"
         };
         let held = (self.validation_error_mm.as_ref(), of, self.limit_mm);
         drawn::verdict(&mut page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
@@ -32,24 +32,27 @@ impl Report {
         page.say(&format!("Next view: {}.", self.next_view));
         drawn::errors(
             &mut page,
-            &[("from where it rests", Some(&self.error_mm)), ("pictures held out", self.validation_error_mm.as_ref())],
+            &[
+                ("distance from the target", Some(&self.error_mm)),
+                ("validation frames", self.validation_error_mm.as_ref()),
+            ],
         );
-        page.part("What was seen");
+        page.part("Detections");
         let figures: Vec<_> = shown.iter().filter_map(|shown| self.seen(shown)).collect();
         page.figures(&figures);
         let (what, seen) = match self.target {
-            Rests::PointMm(_) => ("dots", "the point, where it was seen"),
-            Rests::Plane { .. } => ("lines' points", "two points of the line that was seen"),
+            Rests::PointMm(_) => ("dots", "the detected point"),
+            Rests::Plane { .. } => ("lines' points", "two points of the detected line"),
         };
-        page.note(&format!("Green rings: {seen}. Orange crosses: where the calibration has them."));
+        page.note(&format!("Green rings: {seen}. Orange crosses: its position by the calibration."));
         let used = || self.pictures.iter().filter(|picture| picture.used);
         let dots: Vec<[DVec2; 2]> = used().flat_map(ToldPicture::pairs).collect();
         drawn::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
-        page.part("Picture by picture");
-        drawn::bars(&mut page, &self.error_mm, self.limit_mm, "error of each picture", "Mean error of each picture.");
+        page.part("Frame by frame");
+        drawn::bars(&mut page, &self.error_mm, self.limit_mm, "error of each frame", "Mean error of each frame.");
         if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
-            let caption = "The same of the second recording, which had no part in the calibration.";
-            drawn::bars(&mut page, held, self.limit_mm, "error of each picture that was held out", caption);
+            let caption = "The same for the second recording, which the calibration did not use.";
+            drawn::bars(&mut page, held, self.limit_mm, "error of each validation frame", caption);
         }
         self.particulars(&mut page);
         page.html()
@@ -65,21 +68,21 @@ impl Report {
             plate.cross(expected, Ink::Expected);
         }
         let error = picture.off_mm.iter().sum::<f64>() / picture.off_mm.len().max(1) as f64;
-        let svg = plate.svg(&format!("picture {} of the recording with what was seen in it", shown.frame));
-        Some((svg, format!("Picture {}: {error:.2} mm off.", shown.frame)))
+        let svg = plate.svg(&format!("frame {} of the recording with its detections", shown.frame));
+        Some((svg, format!("Frame {}: {error:.2} mm off.", shown.frame)))
     }
 
     fn particulars(&self, page: &mut Page) {
         page.part("Particulars");
         page.say(&format!(
-            "Noise: {}. What was scanned: {}. Condition {:.1}.",
+            "Noise: {}. Position: {}. Condition {:.1}.",
             self.scatter.words(),
             self.target.words(&self.frame),
             self.condition
         ));
         let least: Vec<String> = self.least_known.iter().map(|(what, sd)| format!("{what} ({sd:.2e})")).collect();
-        page.say(&format!("Known least (of typical sizes): {}.", least.join("; ")));
-        drawn::matrix(page, "ImageToProbe, pixels of the picture (right, down) to mm:", &self.image_to_probe);
+        page.say(&format!("Least known, in typical sizes: {}.", least.join("; ")));
+        drawn::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
         drawn::made_from(page, self.inputs.all().map(|input| input.name()).collect());
     }
 }

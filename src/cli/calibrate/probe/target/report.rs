@@ -112,7 +112,7 @@ impl Scattered {
     pub(super) fn words(&self) -> String {
         match self {
             Self::Point { along_u_v_and_normal_mm: [u, v, normal], turn_deg } => format!(
-                "{u:.3} and {v:.3} mm along u and v, {normal:.3} across the picture, sensors' turns {turn_deg:.3}°"
+                "{u:.3} and {v:.3} mm along u and v, {normal:.3} across the image, sensors' turns {turn_deg:.3}°"
             ),
             Self::Plane { position_mm, turn_deg, line_px } => {
                 format!("sensors {position_mm:.3} mm and {turn_deg:.3}°, the line {line_px:.2} px")
@@ -132,9 +132,12 @@ impl Rests {
     /// Formats the position for people.
     pub(super) fn words(&self, frame: &str) -> String {
         match self {
-            Self::PointMm(at) => format!("it rests at {} mm in {frame}", place((*at).into())),
+            Self::PointMm(at) => format!("the target rests at {} mm in {frame}", place((*at).into())),
             Self::Plane { normal, distance_mm } => {
-                format!("it rests {distance_mm:.3} mm from the origin of {frame}, across {}", place((*normal).into()))
+                format!(
+                    "the target rests {distance_mm:.3} mm from the origin of {frame}, across {}",
+                    place((*normal).into())
+                )
             }
         }
     }
@@ -213,7 +216,7 @@ fn next(found: &Calibration) -> String {
         [("upper left", [0.0, 0.0]), ("upper right", [u, 0.0]), ("lower left", [0.0, v]), ("lower right", [u, v])];
     let known = corners.map(|(name, px)| (name, found.refined.predicted_mm(DVec2::from_array(px))));
     let (name, mm) = known.into_iter().fold(("", 0.0), |worst, one| if one.1 > worst.1 { one } else { worst });
-    format!("let it be seen at the picture's {name}, where a place is known least ({mm:.2} mm)")
+    format!("bring the target to the image's {name} corner, which is known least ({mm:.2} mm)")
 }
 
 /// Formats the result for people.
@@ -230,15 +233,15 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
     let mut line = |what: &str, Errors { mean, sd, rms, max, .. }: &Errors| {
         let _ = writeln!(text, "  {what:44} {mean:.3} ± {sd:.3} mm (rms {rms:.3}, at most {max:.3})");
     };
-    line("from where it rests", &found.errors);
+    line("distance from the target", &found.errors);
     if let Some(errors) = &found.validation {
-        let of = if found.split { "the last third, by the others" } else { "the second recording" };
-        line(&format!("pictures that had no part ({of})"), errors);
+        let of = if found.split { "the last third" } else { "the second recording" };
+        line(&format!("the same on validation frames ({of})"), errors);
     }
     let [centre, corner] = ends(found);
     let _ = writeln!(
         text,
-        "predicted error (one standard deviation): {centre:.3} mm in the middle of the picture, {corner:.3} in its worst corner; condition {:.1}",
+        "predicted error (one standard deviation): {centre:.3} mm at the image's centre, {corner:.3} at its worst corner; condition {:.1}",
         refined.condition()
     );
     text += &lag_line(refined.lag_s, refined.lag_se_s);

@@ -1,8 +1,7 @@
-//! Reasons why there is no calibration.
+//! Errors of a probe's calibration.
 
 use std::fmt;
 
-use super::target::Axis;
 use crate::least_squares::Unsolved;
 
 /// Units that are mistaken for mm.
@@ -44,12 +43,54 @@ impl fmt::Display for Units {
     }
 }
 
-/// Reasons why there is no calibration. The display includes advice.
+/// An axis of the image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// Along its rows.
+    U,
+    /// Along its columns.
+    V,
+    /// Perpendicular to it.
+    Normal,
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::U => "u",
+            Self::V => "v",
+            Self::Normal => "the image's normal",
+        })
+    }
+}
+
+impl Axis {
+    /// Returns advice for turning a probe about it.
+    fn advice(self) -> &'static str {
+        match self {
+            Self::U => "tilt the probe fore and aft",
+            Self::V => "turn the probe about its long axis",
+            Self::Normal => "tilt the probe from side to side",
+        }
+    }
+}
+
+/// Reasons why there is no calibration of a probe.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Refused {
+pub enum ProbeError {
+    /// The phantom's dots cannot be told apart.
+    #[error(
+        "no three of the phantom's {wires} wires make an N (two parallel wires, and one aslant between them in their \
+        plane); give the file of an N-wire phantom"
+    )]
+    NoN {
+        /// Number of wires.
+        wires: usize,
+    },
     /// All poses are INVALID or missing.
     #[error(
-        "of {pictures} pictures none has valid poses of the probe and of what the phantom is held on; was the tracker on, and its status OK?"
+        "none of {pictures} frames has valid poses of probe and reference; check that the tracker was on, and its \
+        status OK"
     )]
     NoPoses {
         /// Number of images.
@@ -57,7 +98,8 @@ pub enum Refused {
     },
     /// The images are too dark, or nothing is in the water.
     #[error(
-        "no wires are seen: half of the {pictures} pictures hold {dots} bright spots or fewer, and {least} are the least that can be told apart; is the phantom in the picture, and the gain high enough?"
+        "no wires are visible: half of the {pictures} frames have {dots} bright spots or fewer, but {least} are \
+        needed; bring the phantom into the image, and raise the gain"
     )]
     NoWires {
         /// Number of images.
@@ -69,7 +111,8 @@ pub enum Refused {
     },
     /// The spots do not match these wires.
     #[error(
-        "bright spots are seen ({dots} in the median one of {pictures} pictures), but they do not lie as the wires of the phantom {phantom} do; is this the file of the phantom that was scanned?"
+        "the bright spots ({dots} in the median of {pictures} frames) do not match the wires of the phantom {phantom}; \
+        give the file of the scanned phantom"
     )]
     OtherPhantom {
         /// Number of images.
@@ -81,8 +124,8 @@ pub enum Refused {
     },
     /// The images show the other side.
     #[error(
-        "the pictures are mirrored: {pictures} of them show the wires from left to right that the phantom's file has from right to left; state the pictures' orientation (MF, UF, …) as it is, or hold the \
-         probe with its marked side where the file has it"
+        "{pictures} frames are mirrored: they show the wires in reverse order, from left to right; correct the frames' \
+        orientation (MF, UF, …), or turn the probe's marked side to the phantom's marked side"
     )]
     Mirrored {
         /// Number of images that show it.
@@ -90,7 +133,8 @@ pub enum Refused {
     },
     /// Too few images.
     #[error(
-        "{pictures} pictures with recognised wires and valid poses do not make a calibration; 10 are the least, a hundred from different directions are good"
+        "{pictures} frames with recognised wires and valid poses are too few; record at least 10, better a hundred \
+        from different directions"
     )]
     TooFew {
         /// Number of images.
@@ -98,7 +142,8 @@ pub enum Refused {
     },
     /// All images are from one pose.
     #[error(
-        "all pictures are from one pose: the probe moved by {way_mm:.1} mm and turned by {turn_deg:.1}°, so that nothing tells the tracker's error from the calibration; move it, and tilt and turn it"
+        "all frames are from one pose: the probe moved by {way_mm:.1} mm and turned by {turn_deg:.1}°; move, tilt and \
+        turn the probe during the scan"
     )]
     Still {
         /// Distance from the first pose, mm.
@@ -107,28 +152,27 @@ pub enum Refused {
         turn_deg: f64,
     },
     /// The phantom's file is in other units.
-    #[error("the wires are seen as the phantom's file has them if its numbers are {units}; it is to be in mm")]
+    #[error("the phantom's file matches if its numbers are in {units}; give them in mm")]
     PhantomUnits {
         /// The apparent units.
         units: Units,
     },
     /// The recording's poses are in other units.
-    #[error("the dots and the poses fit together if the poses' positions are in {units}; a sequence's are to be in mm")]
+    #[error("dots and poses match if the poses' positions are in {units}; record them in mm")]
     PoseUnits {
         /// The apparent units.
         units: Units,
     },
     /// The registration is in other units.
-    #[error(
-        "the dots and the poses fit together if the phantom's place on the reference is in {units}; it is to be in mm"
-    )]
+    #[error("dots and poses match if the phantom's registration is in {units}; give it in mm")]
     RegistrationUnits {
         /// The apparent units.
         units: Units,
     },
     /// No single plane fits.
     #[error(
-        "no one place of the picture explains where the wires are seen: half of the dots are {mm:.1} mm or more off; was the phantom moved after it was registered, and is this its file, its registration and its recording?"
+        "no image plane explains the wires' dots: half of them are {mm:.1} mm or more off; check that phantom file, \
+        registration and recording belong together, and that the phantom was not moved after its registration"
     )]
     Contradictory {
         /// Spread of the distances, mm.
@@ -136,7 +180,8 @@ pub enum Refused {
     },
     /// Too few images show the point or the line.
     #[error(
-        "{} is seen in {seen} of {pictures} pictures with valid poses, and in {least} it has to be, a hundred are good; is it in the picture, and the gain high enough?",
+        "{} is visible in {seen} of {pictures} frames with valid poses, but {least} are needed; bring it into the \
+        image, and raise the gain",
         if *.line { "the line of a plane" } else { "a bright spot" }
     )]
     Unseen {
@@ -151,7 +196,7 @@ pub enum Refused {
     },
     /// The probe was not turned about some axes.
     #[error(
-        "no rotation about {}: the probe turned by {deg:.1}° there (root mean square, and {least:.0}° are needed), so that the picture could lie in many places; {}",
+        "the probe hardly turned about {} ({deg:.1}° root mean square, but {least:.0}° are needed); {}",
         listed(.axes, " or "), .axes.iter().map(|axis| axis.advice()).collect::<Vec<_>>().join(", and ")
     )]
     NoTurn {
@@ -164,7 +209,8 @@ pub enum Refused {
     },
     /// The point hardly moved in the image.
     #[error(
-        "the point is seen {} of the picture only: its dots are spread by {px:.0} pixels the way they are spread less, and {least:.0} are needed; bring it to all parts of the picture, left and right, near and far",
+        "the point is visible {} of the image only: its dots spread by {px:.0} pixels across, but {least:.0} are \
+        needed; bring it to all parts of the image, left and right, near and far",
         if *.line { "along a line" } else { "in one place" }
     )]
     OnePlace {
@@ -177,7 +223,8 @@ pub enum Refused {
     },
     /// No single plane and target fit.
     #[error(
-        "no one place of the picture explains what is seen: {agreeing} of {pictures} pictures agree; did what is scanned rest, is it all that is bright in the picture (--clip), and are the poses those of these pictures?"
+        "no image plane explains the frames: {agreeing} of {pictures} agree; keep the target at rest and the only \
+        bright thing in the image, and check that the poses belong to the frames"
     )]
     Disagree {
         /// Number of images that agree.
@@ -187,8 +234,8 @@ pub enum Refused {
     },
     /// The pixel size is impossible.
     #[error(
-        "a pixel would be {:.5} × {:.5} mm large{}; a sequence's positions are to be in mm", .pixel_mm[0], .pixel_mm[1],
-        .units.map_or(String::new(), |units| format!(", and of a possible size if the poses' positions are in {units}"))
+        "the pixel size of {:.5} × {:.5} mm is impossible{}; record positions in mm", .pixel_mm[0], .pixel_mm[1],
+        .units.map_or(String::new(), |units| format!(", unless the poses' positions are in {units}"))
     )]
     PixelSize {
         /// Size along u and v, mm.
@@ -198,7 +245,8 @@ pub enum Refused {
     },
     /// The data leave the plane too uncertain.
     #[error(
-        "the pictures hardly say where the picture lies: a corner of it is known to {mm:.0} mm (one standard deviation), least of all {weakest}; take more pictures, tilt and turn the probe farther and both ways, and let what is scanned be seen all over the picture"
+        "the frames determine a corner of the image to {mm:.0} mm only (one standard deviation), and {weakest} least; \
+        record more frames with the target all over the image, and tilt and turn the probe farther, both ways"
     )]
     Unsure {
         /// Standard deviation of the worst corner, mm.
@@ -207,9 +255,7 @@ pub enum Refused {
         weakest: String,
     },
     /// The visible wires leave the plane open.
-    #[error(
-        "the dots that were recognised leave the picture's place open; scan so that wires of two N's at least are seen in most pictures"
-    )]
+    #[error("the recognised dots do not determine the image plane; scan so that most frames show wires of two N's")]
     Open,
     /// The solver names the missing information.
     #[error(transparent)]

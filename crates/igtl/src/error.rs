@@ -1,0 +1,38 @@
+//! Errors of the server, and of its clients' commands.
+
+use std::io;
+use std::net::SocketAddr;
+
+/// Reasons why the server cannot start, or refuses a command.
+#[derive(Debug, thiserror::Error)]
+pub enum IgtlError {
+    /// The address cannot be bound.
+    #[error("cannot listen at {address}: {source}; give another port, or end the program that uses this one")]
+    Taken {
+        /// The requested address.
+        address: SocketAddr,
+        /// The reason.
+        source: io::Error,
+    },
+    /// The thread or its event loop cannot be created.
+    #[error("cannot start the server's thread: {0}")]
+    Thread(io::Error),
+    /// A command from another machine.
+    #[error("only clients on this machine may send commands; run the client here, or through a tunnel")]
+    NotLocal,
+    /// An unknown command.
+    #[error("the command is unknown; give start, stop or save")]
+    UnknownCommand,
+    /// `start` while the session runs.
+    #[error("the session runs already; there is nothing to start")]
+    Running,
+    /// `save` without a folder.
+    #[error("there is no folder to save in; start the session with one")]
+    NoFolder,
+    /// `save` without a volume.
+    #[error("there is no volume yet; start the session, or wait for its first slice")]
+    NoVolume,
+    /// The session's reason why a volume cannot be read or saved.
+    #[error("{0}")]
+    Volume(String),
+}
