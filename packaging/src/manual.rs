@@ -6,7 +6,7 @@ use std::io;
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, bold, italic, roman};
 
-use config::bedside::schema::{Applies, SECTIONS};
+use config::bedside::schema::SECTIONS;
 
 use crate::Document;
 
@@ -130,14 +130,14 @@ fn configuration() -> io::Result<Vec<u8>> {
         "A change of a key that says so takes effect while a session runs, when the file is read again (SIGHUP, or systemctl reload sonoweave); \
          of all others in the next session.",
     )]);
-    for section in SECTIONS {
+    for section in SECTIONS.iter() {
         page.control("SH", [format!("[{}]", section.name).as_str()]);
         page.text([roman(format!("{}.", section.about))]);
-        for key in section.keys {
+        for key in &section.keys {
             page.control("TP", []);
-            page.text([bold(key.name), roman(" = "), italic(key.takes)]);
-            let at_once = if key.applies == Applies::AtOnce { ". May change while a session runs" } else { "" };
-            page.text([roman(format!("{}{at_once}.", key.about))]);
+            page.text([bold(&key.name), roman(" = "), italic(&key.takes)]);
+            let at_once = if key.at_once { " May change while a session runs." } else { "" };
+            page.text([roman(format!("{}{at_once}", key.about))]);
         }
     }
     page.control("SH", ["FILES"]);
@@ -201,12 +201,12 @@ mod tests {
     fn configuration_page_has_every_key() {
         let pages = pages(&crate::command_line()).unwrap();
         let page = read(pages.last().unwrap());
-        for section in SECTIONS {
+        for section in SECTIONS.iter() {
             let (_, rest) = page.split_once(&format!("\n.SH [{}]\n", section.name)).expect("a heading");
             let part = rest.split("\n.SH ").next().unwrap();
-            for key in section.keys {
+            for key in &section.keys {
                 assert!(part.contains(&format!("\n.TP\n{} = {}\n", key.name, key.takes)), "{}: {part}", key.name);
-                assert_eq!(part.contains(&format!("{}. May change", key.about)), key.applies == Applies::AtOnce);
+                assert_eq!(part.contains(&format!("{} May change", key.about)), key.at_once);
             }
         }
     }

@@ -20,7 +20,7 @@ pub enum ExportError {
     },
     /// An error of the file format.
     #[error(transparent)]
-    File(#[from] sonoweave_core::Error),
+    File(#[from] formats::Error),
     /// A file system error.
     #[error("cannot write {path}: {source}", path = path.display())]
     Write {
