@@ -116,7 +116,7 @@ fn tip_and_phantom_pose_extend_one_calibration_file() {
     let said = place.does(
         "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml -o cal.toml --report landmarks.json",
     );
-    assert!(said.starts_with("5 of 5 landmarks were touched, 0.000 mm from"), "{said}");
+    assert!(said.starts_with("5 of 5 landmarks were touched, 0.000 mm off"), "{said}");
     let report = place.json("landmarks.json");
     let rows = numbers(&report["phantom_to_reference"]);
     let expected = DMat4::from(held()).transpose().to_cols_array();

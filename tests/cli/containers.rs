@@ -140,7 +140,7 @@ fn parts_of_a_recording_keep_their_position() {
     assert!(worst <= 1.0, "a voxel differs by {worst} grey levels");
     assert!(place.does("inspect part.nrrd").contains("SonoweaveCrop = 10 5 20 15"));
     place.refuses("convert s.mha x.mha --crop 30,0,20,5", &["s.mha: the crop of 20×5 pixels", "40×30"]);
-    place.refuses("convert s.mha x.mha --frames 6..", &["s.mha: has 6 frames, none of which"]);
+    place.refuses("convert s.mha x.mha --frames 6..", &["s.mha: has 6 frames, none of them"]);
     place.refuses("convert s.mha x.mha --orientation XX", &["\"XX\" is no orientation"]);
     place.refuses("convert part.nrrd x.mha --crop 0,0,5,5", &["was cropped before"]);
     place.refuses("convert s.mha s.mha", &["is the input"]);
@@ -189,7 +189,7 @@ fn numbered_images_convert_back_to_a_sequence() {
     place.put("f004.png", &place.get("f004.png")[..60]);
     place.refuses_with("convert f%03d.png x.mha", &["f004.png", "cannot be read as PNG"]);
     std::fs::remove_file(place.path("f003.png")).unwrap();
-    place.refuses_with("convert f%03d.png x.mha", &["f002.png and ", "f004.png", "a frame is missing"]);
+    place.refuses_with("convert f%03d.png x.mha", &["f002.png and ", "f004.png", "add the missing frame"]);
 }
 
 #[test]
