@@ -18,8 +18,8 @@ impl<'a> GreyView<'a> {
     /// Views pixels with `stride` bytes from a row's first pixel to the next row's.
     ///
     /// # Errors
-    /// [`CalibrationError::Picture`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the
-    /// last row.
+    /// [`CalibrationError::Picture`] unless there is a pixel, rows do not overlap, and `pixels`
+    /// holds all of the last row.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Result<Self, CalibrationError> {
         let needed = stride.checked_mul(height.saturating_sub(1)).and_then(|bytes| bytes.checked_add(width));
         if width == 0 || height == 0 || stride < width || needed.is_none_or(|needed| pixels.len() < needed) {
@@ -31,7 +31,8 @@ impl<'a> GreyView<'a> {
     /// Views pixels without gaps between rows.
     ///
     /// # Errors
-    /// [`CalibrationError::Picture`] unless there is a pixel, and the number of bytes matches the size.
+    /// [`CalibrationError::Picture`] unless there is a pixel, and the number of bytes matches the
+    /// size.
     pub fn packed([width, height]: [usize; 2], pixels: &'a [u8]) -> Result<Self, CalibrationError> {
         match width.checked_mul(height) {
             Some(count) if count == pixels.len() => Self::new(width, height, width, pixels),

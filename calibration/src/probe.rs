@@ -6,7 +6,8 @@
 //!
 //! - [`dots`]: detects bright spots of an image.
 //! - [`layout`], [`matching`]: assign them to wires.
-//! - [`recording`], [`sighting`], [`track`]: observed and recognised images, and poses between poses.
+//! - [`recording`], [`sighting`], [`track`]: observed and recognised images, and poses between
+//!   poses.
 //! - [`plane`], [`linear`]: the plane from dots and poses, as the start of the fit.
 //! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's
 //!   lag, and their accuracy.

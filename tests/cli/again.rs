@@ -3,9 +3,9 @@
 
 use serde_json::{Value, json};
 
+use super::commands::{account, done, until, wish};
 use super::daemon::{SMALL, Session, ask};
 use super::place::Place;
-use super::commands::{account, done, until, wish};
 
 /// File of a session of some seconds.
 const RECORDING: &str = "s.mcap";

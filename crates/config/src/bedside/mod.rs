@@ -333,7 +333,9 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
     let (file, preset) = (keys.path_if(given.file), given.preset);
     let clip = given.clip_px.map(|clip| match clip {
         TextOr::Text(text) => text.parse::<Clip>(),
-        TextOr::Other([x, y, width, height]) => ClipRect::new(x, y, width, height).map(Clip::Rect).map_err(MaskError::from),
+        TextOr::Other([x, y, width, height]) => {
+            ClipRect::new(x, y, width, height).map(Clip::Rect).map_err(MaskError::from)
+        }
     });
     let clip = clip.transpose().map_err(|e| keys.error("clip_px", e.to_string()))?;
     let fan = given.fan.map(|fan| Fan::new(fan.origin_px, fan.radii_px, fan.angles_deg));

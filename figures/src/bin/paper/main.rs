@@ -7,13 +7,13 @@
 //! `out/paper/quick`), with an `index.html`.
 //!
 //! - [`support`]: figure 5, half width and σ, the kernel's end, its effective width.
-//! - [`signal`], [`woven`]: figures 6 and 7, and the cost of truncation.
+//! - [`signal`], [`reconstructed`]: figures 6 and 7, and the cost of truncation.
 //! - [`ripple`]: slices at equal distances.
-//! - [`decay`], [`decay_reconstructed`], [`fading`]: decay of old data, and the resulting shifts, by the
-//!   equations and by the reconstructor.
+//! - [`decay`], [`decay_reconstructed`], [`fading`]: decay of old data, and the resulting shifts,
+//!   by the equations and by the reconstructor.
 //! - [`pulsating`]: the same for a moving sphere, in three dimensions.
-//! - [`weights`], [`columns_reconstructed`], [`columns`]: one weight per column against one per voxel,
-//!   by the equations and by the reconstructor's two paths.
+//! - [`weights`], [`columns_reconstructed`], [`columns`]: one weight per column against one per
+//!   voxel, by the equations and by the reconstructor's two paths.
 //! - [`speed`]: the paper's test sizes against the clock.
 //! - [`reconstructed_volumes`]: claims about volumes, on the reconstructor itself.
 //! - [`doll`]: the paper's test of the renderer; [`caches`]: figures 9 to 11; [`adaptive`],
