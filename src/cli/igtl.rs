@@ -10,6 +10,7 @@ use clap::Args;
 
 use igtl::{Commands, Hub, Server};
 use pipeline::Observer;
+use pipeline::control::SessionController;
 use pipeline::live::{Reader, Session};
 
 use super::Failure;
@@ -82,6 +83,11 @@ impl Shared {
     pub(in crate::cli) fn joins(&self, session: &mut Session) {
         session.observers.push(Arc::clone(&self.hub) as Arc<dyn Observer>);
         session.readers.push(Arc::clone(&self.hub) as Arc<dyn Reader>);
+    }
+
+    /// Lets clients freeze and clear a live session.
+    pub(in crate::cli) fn control(&self, controller: &Arc<SessionController>) {
+        self.commands.control(Arc::clone(controller));
     }
 
     /// Sends the session's status to clients.

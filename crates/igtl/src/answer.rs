@@ -228,6 +228,9 @@ impl ServerState {
                     house.reply(&client, reply, saved);
                 });
             }
+            Some(command @ (Command::Freeze(_) | Command::Clear)) => {
+                self.reply(client, reply, self.commands.execute(command));
+            }
             _ => self.reply(client, reply, Err(IgtlError::UnknownCommand)),
         }
     }

@@ -1,4 +1,4 @@
-//! Commands of clients to a session: start, stop, and save the volume.
+//! Commands of clients to a session: start, stop, save the volume, freeze, unfreeze, clear.
 //!
 //! `start` ([`Command::Scan`]) begins a session that waits for it (`--igtl-wait`); its settings
 //! say whether it is recorded. `stop` ends it, so that it writes its results. `save` writes the
@@ -6,17 +6,24 @@
 //! files. Only commands from this machine are accepted.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use pipeline::command::Command;
-use pipeline::control::keep;
+use pipeline::control::{SessionController, keep};
 use pipeline::live::Snapshot;
 
 use super::IgtlError;
 
 /// The commands that clients can send, by their names.
-const NAMES: [(&str, Command); 3] = [("start", Command::Scan), ("stop", Command::Stop), ("save", Command::Save)];
+const NAMES: [(&str, Command); 6] = [
+    ("start", Command::Scan),
+    ("stop", Command::Stop),
+    ("save", Command::Save),
+    ("freeze", Command::Freeze(true)),
+    ("unfreeze", Command::Freeze(false)),
+    ("clear", Command::Clear),
+];
 
 /// Returns the command with this name, in any case.
 pub(super) fn named(name: &str) -> Option<Command> {
@@ -37,13 +44,21 @@ pub struct Commands {
     ends: Arc<AtomicBool>,
     started: AtomicBool,
     folder: Option<PathBuf>,
+    /// The controller of a live session.
+    controller: OnceLock<Arc<SessionController>>,
 }
 
 impl Commands {
     /// Controls a session that ends by the flag `ends` and saves volumes in `folder`, if any.
     /// `waits`: the session begins only with the start command.
     pub fn new(ends: Arc<AtomicBool>, folder: Option<PathBuf>, waits: bool) -> Self {
-        Self { ends, started: AtomicBool::new(!waits), folder }
+        Self { ends, started: AtomicBool::new(!waits), folder, controller: OnceLock::new() }
+    }
+
+    /// Passes the other commands to the controller of a live session.
+    pub fn control(&self, controller: Arc<SessionController>) {
+        // The first controller stays.
+        let _ = self.controller.set(controller);
     }
 
     /// Whether the session may begin.
@@ -66,6 +81,15 @@ impl Commands {
     pub(super) fn stop(&self) -> String {
         self.ends.store(true, Ordering::Relaxed);
         "the session ends".into()
+    }
+
+    /// Passes a command to the session.
+    ///
+    /// # Errors
+    /// [`IgtlError::NotLive`] in a replay, [`IgtlError::Refused`] if the session cannot follow now.
+    pub(super) fn execute(&self, command: Command) -> Result<String, IgtlError> {
+        let controller = self.controller.get().ok_or(IgtlError::NotLive)?;
+        controller.execute(command).map_err(|why| IgtlError::Refused(why.to_string()))
     }
 
     /// Returns the folder that volumes are saved in.
@@ -92,6 +116,7 @@ mod tests {
     #[test]
     fn commands_parse_from_names_and_plus_xml() {
         assert_eq!(named(" Stop "), Some(Command::Stop));
+        assert_eq!(named("unfreeze"), Some(Command::Freeze(false)));
         assert_eq!(named("reboot"), None);
         assert_eq!(of_xml("<Command Name=\"save\" Id=\"7\" />\0"), Some(Command::Save));
         assert_eq!(of_xml("<Order Name=\"save\"/>"), None);
@@ -110,5 +135,19 @@ mod tests {
         commands.stop();
         assert!(ends.load(Ordering::Relaxed));
         assert!(matches!(commands.folder(), Err(IgtlError::NoFolder)));
+    }
+
+    #[test]
+    fn freeze_and_clear_pass_to_a_live_session() {
+        let commands = Commands::new(Arc::default(), None, false);
+        assert!(matches!(commands.execute(Command::Clear), Err(IgtlError::NotLive)));
+        let controller = Arc::new(SessionController::new(None));
+        commands.control(Arc::clone(&controller));
+        assert!(matches!(commands.execute(Command::Clear), Err(IgtlError::Refused(_))), "it has not begun");
+        controller.runs(false, "devices".into());
+        for command in [Command::Freeze(true), Command::Clear, Command::Freeze(false)] {
+            assert!(commands.execute(command).is_ok());
+        }
+        assert_eq!(controller.commands(), [Command::Freeze(true), Command::Clear, Command::Freeze(false)]);
     }
 }

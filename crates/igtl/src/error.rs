@@ -21,11 +21,17 @@ pub enum IgtlError {
     #[error("only clients on this machine may send commands; run the client here, or through a tunnel")]
     NotLocal,
     /// An unknown command.
-    #[error("the command is unknown; give start, stop or save")]
+    #[error("the command is unknown; give start, stop, save, freeze, unfreeze or clear")]
     UnknownCommand,
     /// `start` while the session runs.
     #[error("the session runs already; there is nothing to start")]
     Running,
+    /// A command that changes the volume of a replay.
+    #[error("the session is a replay, which cannot be changed; give start, stop or save")]
+    NotLive,
+    /// The session's reason why it cannot follow now.
+    #[error("{0}")]
+    Refused(String),
     /// `save` without a folder.
     #[error("there is no folder to save in; start the session with one")]
     NoFolder,

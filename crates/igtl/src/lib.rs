@@ -10,8 +10,8 @@
 //!
 //! `World` stands for the coordinate system's name in the session, as PLUS names its images.
 //! STP_IMAGE, STP_TRANS and STP_TDATA stop the sending, STT_… resumes it. COMMAND takes
-//! `start`, `stop` and `save` ([`commands`]). Programs of protocol versions 1 and 2 send a
-//! STRING of the device `CMD_…` instead, as in PLUS.
+//! `start`, `stop`, `save`, `freeze`, `unfreeze` and `clear` ([`commands`]). Programs of protocol
+//! versions 1 and 2 send a STRING of the device `CMD_…` instead, as in PLUS.
 //!
 //! **Coordinates.** World mm are sent unchanged and declared as RAS, as in PLUS. TRANSFORMs
 //! cannot name their coordinate system, and 3D Slicer assumes RAS for them. Only thus do

@@ -372,7 +372,7 @@ fn commands_start_and_stop_session_and_save_volume() {
     assert_eq!(result.as_deref(), Some("false"));
     assert!(name.contains("runs already") && text.contains("<Result>false</Result>"), "{name}: {text}");
     let (name, _, result) = send("format", Version::One, 3);
-    assert!(name.contains("give start, stop or save") && result.is_none(), "{name}");
+    assert!(name.contains("give start, stop, save") && result.is_none(), "{name}");
     bench.hub.slice("Reference", 0, &slice(1));
     let (ends, made, thread) = making(&bench.hub, [4, 3, 2]);
     for number in ["001", "002"] {

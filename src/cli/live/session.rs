@@ -121,6 +121,7 @@ pub(in crate::cli) fn session(
         telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
     let shared = conduct.sharing.begin(&quit, conduct.quiet)?;
+    shared.iter().for_each(|shared| shared.control(&desk));
     let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
     let screen = telling.screen();
     let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
