@@ -204,4 +204,16 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn failure_names_command_that_remedies_cause() {
+        let damage = formats::session::Damage { from: 8, until: 20, what: "an incomplete chunk", is_loss: true };
+        let damaged = formats::Error::Damaged { path: "s.mcap".into(), damage };
+        let Failure(text) = pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
+        let expected = "repair the session by `sonoweave inspect FILE --repair OUT`, which lists the missing parts";
+        assert!(text.ends_with(expected), "{text}");
+        let foreign = formats::Error::NoSession { path: "s.mcap".into(), source: formats::NoSession::NoChunk };
+        let Failure(text) = drivers::Error::from(foreign).into();
+        assert!(text.ends_with("give a file that `live --record` wrote"), "{text}");
+    }
 }

@@ -358,7 +358,6 @@ fn session_is_described_and_repaired() {
             "inspect none.mcap",
             "is not a session: the file has no complete chunk of MCAP; give a file that `live --record` wrote",
         ),
-        ("convert harmed.mcap x.mha", "repair the session by `sonoweave inspect FILE --repair OUT`"),
         ("inspect text.txt --repair x.mcap", "neither a MetaImage"),
     ] {
         place.refuses(words, &[said]);
