@@ -172,6 +172,7 @@ mod tests {
             }
         }
     }
+
     #[test]
     fn failure_names_command_that_remedies_cause() {
         let damage = formats::session::Damage { from: 8, until: 20, what: "an incomplete chunk", is_loss: true };

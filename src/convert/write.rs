@@ -15,13 +15,18 @@ use super::sequence::{Gathered, HOST_FIELD};
 use super::{Changes, ConvertError, identity};
 
 /// Progress callback; receives the number of frames or slices done.
-pub type Told<'a> = &'a dyn Fn(u64);
+pub type OnProgress<'a> = &'a dyn Fn(u64);
 
 /// Writes a sequence; `device` delivers the frames of what was gathered.
 ///
 /// # Errors
 /// [`ConvertError`]: no file is left then.
-pub fn sequence(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+pub fn sequence(
+    device: &mut dyn Device,
+    gathered: &Gathered,
+    to: &Path,
+    told: OnProgress<'_>,
+) -> Result<(), ConvertError> {
     let mut writer = SequenceWriter::create(to, &gathered.header)?;
     if gathered.arrangement.is_some() {
         each(device, gathered, |n, frame| {
@@ -37,7 +42,12 @@ pub fn sequence(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: T
 ///
 /// # Errors
 /// [`ConvertError`]: no file is left then.
-pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+pub fn session(
+    device: &mut dyn Device,
+    gathered: &Gathered,
+    to: &Path,
+    told: OnProgress<'_>,
+) -> Result<(), ConvertError> {
     let io = |source| ConvertError::Io { path: to.to_owned(), source };
     let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let file = tempfile::Builder::new().prefix(".sonoweave-").suffix(".part").tempfile_in(folder).map_err(io)?;
@@ -85,7 +95,12 @@ pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: To
 ///
 /// # Errors
 /// [`ConvertError`]: frames before the one that failed remain.
-pub fn pictures(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+pub fn pictures(
+    device: &mut dyn Device,
+    gathered: &Gathered,
+    to: &Path,
+    told: OnProgress<'_>,
+) -> Result<(), ConvertError> {
     let header = &gathered.header;
     if gathered.arrangement.is_none() {
         return Err(ConvertError::Unfit { path: to.to_owned(), why: "the recording holds no frames to write".into() });
@@ -153,7 +168,7 @@ fn each(
 ///
 /// # Errors
 /// [`ConvertError`]: no file is left then.
-pub fn volume(from: &Path, to: &Path, changes: &Changes, told: Told<'_>) -> Result<Vec<String>, ConvertError> {
+pub fn volume(from: &Path, to: &Path, changes: &Changes, told: OnProgress<'_>) -> Result<Vec<String>, ConvertError> {
     let mut reader = VolumeReader::open(from, &Limits::default())?;
     let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
     if !header.placed {

@@ -64,9 +64,9 @@ struct Report<'a> {
     phantom_to_reference: [f64; 16],
     /// Distances of touched landmarks from the file's. PLUS's registration error is the mean.
     error_mm: Spread,
-    landmarks: Vec<Told<'a>>,
+    landmarks: Vec<LandmarksReport<'a>>,
     missed: Vec<&'a str>,
-    elsewhere: Vec<ToldRest>,
+    elsewhere: Vec<RestReport>,
     by_order: bool,
     noise_mm: f64,
     rest_radius_mm: f64,
@@ -80,25 +80,25 @@ struct Report<'a> {
 }
 
 #[derive(Debug, Serialize)]
-struct Told<'a> {
+struct LandmarksReport<'a> {
     name: &'a str,
     /// In the phantom's frame.
     position_mm: [f64; 3],
     /// In the reference's frame, as touched.
     touched_mm: [f64; 3],
     error_mm: f64,
-    rests: Vec<ToldRest>,
+    rests: Vec<RestReport>,
 }
 
 #[derive(Debug, Serialize)]
-struct ToldRest {
+struct RestReport {
     from_s: f64,
     to_s: f64,
     at_mm: [f64; 3],
     spread_mm: f64,
 }
 
-impl From<&Rest> for ToldRest {
+impl From<&Rest> for RestReport {
     fn from(rest: &Rest) -> Self {
         let [from_s, to_s] = rest.time_s;
         Self { from_s, to_s, at_mm: rest.at.to_array(), spread_mm: rest.spread_mm }
@@ -153,16 +153,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         phantom_to_reference: rows(registered.reference_from_phantom.affine()),
         error_mm: registered.error_mm,
         landmarks: (registered.touched.iter())
-            .map(|touched| Told {
+            .map(|touched| LandmarksReport {
                 name: name(&touched.landmark),
                 position_mm: landmarks[touched.landmark].position_mm.to_array(),
                 touched_mm: touched.at_mm.to_array(),
                 error_mm: touched.error_mm,
-                rests: touched.rests.iter().map(ToldRest::from).collect(),
+                rests: touched.rests.iter().map(RestReport::from).collect(),
             })
             .collect(),
         missed: registered.missed.iter().map(name).collect(),
-        elsewhere: registered.elsewhere.iter().map(ToldRest::from).collect(),
+        elsewhere: registered.elsewhere.iter().map(RestReport::from).collect(),
         by_order: registered.by_order,
         noise_mm: registered.noise_mm,
         rest_radius_mm: registered.radius_mm,

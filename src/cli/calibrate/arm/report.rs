@@ -28,7 +28,7 @@ pub(super) struct Results<'a> {
 
 /// A fitted number.
 #[derive(Debug, Serialize)]
-struct ToldNumber {
+struct NumberReport {
     joint: usize,
     number: &'static str,
     unit: &'static str,
@@ -37,7 +37,7 @@ struct ToldNumber {
     sd: f64,
 }
 
-impl From<&Found> for ToldNumber {
+impl From<&Found> for NumberReport {
     fn from(found: &Found) -> Self {
         let Found { joint, what, before, value, sd } = *found;
         Self { joint, number: what.name(), unit: what.unit(), before, value, sd }
@@ -46,7 +46,7 @@ impl From<&Found> for ToldNumber {
 
 /// A touch, or the two touches of a distance.
 #[derive(Debug, Serialize)]
-struct ToldTouch {
+struct TouchReport {
     of: String,
     from_s: f64,
     to_s: f64,
@@ -62,7 +62,7 @@ pub(super) struct FitReport<'a> {
     input: Input,
     readings: &'a Counts,
     joints: [Joint; JOINTS],
-    found: Vec<ToldNumber>,
+    found: Vec<NumberReport>,
     rms_mm: f64,
     most_mm: f64,
     /// Ratio of the residuals to the seat's error.
@@ -72,7 +72,7 @@ pub(super) struct FitReport<'a> {
     condition: f64,
     tip_mm: [f64; 2],
     predicted_error: &'a Reach,
-    touches: Vec<ToldTouch>,
+    touches: Vec<TouchReport>,
 }
 
 /// Report of a check.
@@ -86,9 +86,9 @@ pub(super) struct CheckReport<'a> {
     fit_rms_mm: Option<f64>,
     seat_mm: f64,
     changed: bool,
-    slipped: Option<ToldNumber>,
+    slipped: Option<NumberReport>,
     advice: String,
-    touches: Vec<ToldTouch>,
+    touches: Vec<TouchReport>,
 }
 
 impl<'a> FitReport<'a> {
@@ -99,7 +99,7 @@ impl<'a> FitReport<'a> {
             input,
             readings: results.counts,
             joints: *fitted.arm.joints(),
-            found: fitted.found.iter().map(ToldNumber::from).collect(),
+            found: fitted.found.iter().map(NumberReport::from).collect(),
             rms_mm,
             most_mm,
             spread,
@@ -125,7 +125,7 @@ impl<'a> CheckReport<'a> {
             fit_rms_mm,
             seat_mm: results.seat_mm,
             changed,
-            slipped: checked.slipped.as_ref().map(ToldNumber::from),
+            slipped: checked.slipped.as_ref().map(NumberReport::from),
             advice: checked.advice(),
             touches: results.told(&checked.residuals_mm, &[]),
         }
@@ -133,16 +133,16 @@ impl<'a> CheckReport<'a> {
 }
 
 impl Results<'_> {
-    fn told(&self, residuals_mm: &[f64], outliers: &[usize]) -> Vec<ToldTouch> {
+    fn told(&self, residuals_mm: &[f64], outliers: &[usize]) -> Vec<TouchReport> {
         let of = |(at, off_mm): (usize, &f64)| {
             let [from_s, to_s] = self.touched.time_s(at);
-            ToldTouch { of: self.touched.name(at), from_s, to_s, off_mm: *off_mm, outlier: outliers.contains(&at) }
+            TouchReport { of: self.touched.name(at), from_s, to_s, off_mm: *off_mm, outlier: outliers.contains(&at) }
         };
         residuals_mm.iter().enumerate().map(of).collect()
     }
 
     fn lines(&self, residuals_mm: &[f64], outliers: &[usize], text: &mut String) {
-        for ToldTouch { of, from_s, to_s, off_mm, outlier } in self.told(residuals_mm, outliers) {
+        for TouchReport { of, from_s, to_s, off_mm, outlier } in self.told(residuals_mm, outliers) {
             let left_out = if outlier { ", left out: it lies far from all others" } else { "" };
             // Writing to a string does not fail.
             let _ = writeln!(text, "  {of:24} {off_mm:.3} mm off, {from_s:.1} to {to_s:.1} s{left_out}");

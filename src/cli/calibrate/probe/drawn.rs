@@ -6,13 +6,13 @@ use export::page::Page;
 use export::page::chart::Bars;
 use export::page::plate::{Ink, Plate};
 
-use super::report::{Frames, Told};
+use super::report::{Frames, ProbeReport};
 
 /// Magnification of residuals in the drawing.
 const LONGER: f64 = 10.0;
 
 /// Returns the images to show: the one with the median error, and the worst.
-pub(super) fn telling(told: &Told) -> Vec<usize> {
+pub(super) fn telling(told: &ProbeReport) -> Vec<usize> {
     let mut by_error: Vec<(f64, usize)> = told.per_frame.iter().copied().zip(told.frame.iter().copied()).collect();
     by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
     let places = [by_error.len() / 2, by_error.len().saturating_sub(1)];
@@ -24,7 +24,7 @@ pub(super) fn telling(told: &Told) -> Vec<usize> {
 /// Writes the verdict on the result, and the number of images behind it.
 pub(super) fn verdict(
     page: &mut Page,
-    (held, of, limit_mm): (Option<&Told>, &str, f64),
+    (held, of, limit_mm): (Option<&ProbeReport>, &str, f64),
     [centre, corner]: [f64; 2],
     frames: &Frames,
     pixel_mm: [f64; 2],
@@ -56,9 +56,9 @@ pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
 }
 
 /// Writes the errors as a table.
-pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&Told>)]) {
+pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&ProbeReport>)]) {
     page.part("Errors, mm");
-    let row = |(what, told): &(&str, Option<&Told>)| {
+    let row = |(what, told): &(&str, Option<&ProbeReport>)| {
         let told = (*told)?;
         let numbers = [told.mean, told.sd, told.rms, told.max, told.mean_of_95].map(|x| format!("{x:.3}"));
         let ends = [(*what).to_owned(), told.count.to_string()];
@@ -100,7 +100,7 @@ pub(super) fn over_the_picture(
 }
 
 /// Draws each image's error.
-pub(super) fn bars(page: &mut Page, told: &Told, limit_mm: f64, about: &str, caption: &str) {
+pub(super) fn bars(page: &mut Page, told: &ProbeReport, limit_mm: f64, about: &str, caption: &str) {
     let limit = (told.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
     let bars = Bars { values: &told.per_frame, unit: "mm", along: "frames", limit };
     page.figure(&bars.svg(about), caption);

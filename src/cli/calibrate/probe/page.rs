@@ -7,7 +7,7 @@ use export::page::plate::{Ink, Plate};
 
 use super::drawn;
 use super::recording::Shown;
-use super::report::{Report, ToldPicture, YOU};
+use super::report::{PictureReport, Report, YOU};
 
 impl Report {
     /// Returns the images to show.
@@ -124,7 +124,7 @@ impl Report {
     }
 }
 
-fn mean_off(picture: &ToldPicture) -> f64 {
+fn mean_off(picture: &PictureReport) -> f64 {
     let used = || picture.dots.iter().filter(|dot| dot.used);
     used().map(|dot| dot.off_mm).sum::<f64>() / used().count().max(1) as f64
 }

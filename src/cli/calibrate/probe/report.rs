@@ -35,14 +35,14 @@ pub(super) struct Report {
     pub(super) pixel_mm: [f64; 2],
     /// Error of middle wires, by PLUS's definition, with the lag and the registration that were
     /// found.
-    pub(super) error_mm: Told,
+    pub(super) error_mm: ProbeReport,
     /// Error of all wires: distance of the dots' positions from their wires.
-    pub(super) wire_error_mm: Told,
+    pub(super) wire_error_mm: ProbeReport,
     /// Error of images that had no part in the calibration.
-    pub(super) validation_error_mm: Option<Told>,
-    pub(super) validation_wire_error_mm: Option<Told>,
+    pub(super) validation_error_mm: Option<ProbeReport>,
+    pub(super) validation_wire_error_mm: Option<ProbeReport>,
     /// Error of the same images, with zero lag and the registration as given.
-    pub(super) validation_error_as_given_mm: Option<Told>,
+    pub(super) validation_error_as_given_mm: Option<ProbeReport>,
     /// Whether the validation's images are the last third of the recording, compared with a
     /// calibration from the others.
     pub(super) validation_is_split: bool,
@@ -72,14 +72,14 @@ pub(super) struct Report {
     /// View to take next.
     pub(super) next_view: Option<Next>,
     /// Used dots of each wire, relative to the wire's expected position.
-    pub(super) wires: Vec<ToldWire>,
-    pub(super) pictures: Vec<ToldPicture>,
+    pub(super) wires: Vec<WireReport>,
+    pub(super) pictures: Vec<PictureReport>,
     pub(super) looked_s: f64,
     pub(super) solved_s: f64,
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct Told {
+pub(super) struct ProbeReport {
     pub(super) mean: f64,
     pub(super) sd: f64,
     pub(super) rms: f64,
@@ -93,7 +93,7 @@ pub(super) struct Told {
     pub(super) frame: Vec<usize>,
 }
 
-impl From<&Errors> for Told {
+impl From<&Errors> for ProbeReport {
     fn from(errors: &Errors) -> Self {
         let Errors { mean, sd, rms, max, mean_of_95, count, per_frame } = errors;
         let (frame, per_frame) = per_frame.iter().copied().unzip();
@@ -174,7 +174,7 @@ pub(super) fn next_line(next: &NextView) -> String {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct ToldWire {
+pub(super) struct WireReport {
     pub(super) wire: String,
     pub(super) dots: usize,
     pub(super) mean_mm: f64,
@@ -185,14 +185,14 @@ pub(super) struct ToldWire {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct ToldPicture {
+pub(super) struct PictureReport {
     pub(super) frame: usize,
     pub(super) outcome: &'static str,
-    pub(super) dots: Vec<ToldDot>,
+    pub(super) dots: Vec<DotReport>,
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct ToldDot {
+pub(super) struct DotReport {
     pub(super) wire: String,
     pub(super) seen_px: [f64; 2],
     pub(super) expected_px: [f64; 2],
@@ -201,12 +201,12 @@ pub(super) struct ToldDot {
 }
 
 /// Returns a wire's dots; `None` if none was used.
-fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<ToldWire> {
+fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<WireReport> {
     let dots: Vec<_> =
         found.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used && dot.wire == wire).collect();
     let count = dots.len() as f64;
     let bias = dots.iter().map(|dot| dot.seen_px - dot.expected_px).sum::<DVec2>() / count;
-    (!dots.is_empty()).then(|| ToldWire {
+    (!dots.is_empty()).then(|| WireReport {
         wire: name.to_owned(),
         dots: dots.len(),
         mean_mm: dots.iter().map(|dot| dot.off_mm).sum::<f64>() / count,
@@ -273,11 +273,11 @@ impl Report {
         let [middle, all] = &found.errors;
         let held = found.validation.as_ref();
         let (registration_change_deg, registration_change_mm) = refined.registration_change();
-        let pictures = found.pictures.iter().map(|picture| ToldPicture {
+        let pictures = found.pictures.iter().map(|picture| PictureReport {
             frame: picture.frame,
             outcome: word(picture.outcome, UNSEEN),
             dots: (picture.dots.iter())
-                .map(|dot| ToldDot {
+                .map(|dot| DotReport {
                     wire: wires[dot.wire].name.clone(),
                     seen_px: dot.seen_px.to_array(),
                     expected_px: dot.expected_px.to_array(),
@@ -299,7 +299,7 @@ impl Report {
             wire_error_mm: all.into(),
             validation_error_mm: held.map(|[middle, _]| middle.into()),
             validation_wire_error_mm: held.map(|[_, all]| all.into()),
-            validation_error_as_given_mm: found.validation_as_given.as_ref().map(Told::from),
+            validation_error_as_given_mm: found.validation_as_given.as_ref().map(ProbeReport::from),
             validation_is_split: found.split,
             frames: frames(found),
             condition: refined.condition(),

@@ -7,7 +7,7 @@ use export::page::plate::{Ink, Plate};
 
 use super::super::drawn;
 use super::super::recording::Shown;
-use super::report::{Report, Rests, ToldPicture};
+use super::report::{PictureReport, Report, Rests};
 
 impl Report {
     /// Returns the images to show.
@@ -46,7 +46,7 @@ impl Report {
         };
         page.note(&format!("Green rings: {seen}. Orange crosses: its position by the calibration."));
         let used = || self.pictures.iter().filter(|picture| picture.used);
-        let dots: Vec<[DVec2; 2]> = used().flat_map(ToldPicture::pairs).collect();
+        let dots: Vec<[DVec2; 2]> = used().flat_map(PictureReport::pairs).collect();
         drawn::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
         page.part("Frame by frame");
         drawn::bars(&mut page, &self.error_mm, self.limit_mm, "error of each frame", "Mean error of each frame.");
@@ -87,7 +87,7 @@ impl Report {
     }
 }
 
-impl ToldPicture {
+impl PictureReport {
     /// Returns pairs of seen and expected position.
     fn pairs(&self) -> impl Iterator<Item = [DVec2; 2]> {
         self.seen_px.iter().zip(&self.expected_px).map(|(a, b)| [*a, *b].map(DVec2::from_array))

@@ -13,7 +13,7 @@ use calibration::probe::target::{Calibration, Place};
 use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
 use super::super::again::Reproducibility;
-use super::super::report::{Frames, LATTICE, Told, lag_line, word};
+use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
 use super::ends;
 
 /// Name of the outcome of an image without a detection.
@@ -31,9 +31,9 @@ pub(super) struct Report {
     pub(super) image_size_px: [u32; 2],
     pub(super) pixel_mm: [f64; 2],
     /// Distances of the detections from the target.
-    pub(super) error_mm: Told,
+    pub(super) error_mm: ProbeReport,
     /// The same of images that had no part in the calibration.
-    pub(super) validation_error_mm: Option<Told>,
+    pub(super) validation_error_mm: Option<ProbeReport>,
     /// Whether these are the last third of the recording, compared with a calibration from the
     /// others.
     pub(super) validation_is_split: bool,
@@ -60,7 +60,7 @@ pub(super) struct Report {
     pub(super) next_view: String,
     /// Change of the result when parts of the recording are left out.
     pub(super) reproducibility_mm: Option<Reproducibility>,
-    pub(super) pictures: Vec<ToldPicture>,
+    pub(super) pictures: Vec<PictureReport>,
     pub(super) looked_s: f64,
     pub(super) solved_s: f64,
 }
@@ -144,7 +144,7 @@ impl Rests {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct ToldPicture {
+pub(super) struct PictureReport {
     pub(super) frame: usize,
     pub(super) outcome: &'static str,
     pub(super) seen_px: Vec<[f64; 2]>,
@@ -157,7 +157,7 @@ pub(super) struct ToldPicture {
 impl Report {
     pub(super) fn new(found: &Calibration, inputs: Inputs, method: Method, frame: String, limit_mm: f64) -> Self {
         let refined = &found.refined;
-        let pictures = found.pictures.iter().map(|picture| ToldPicture {
+        let pictures = found.pictures.iter().map(|picture| PictureReport {
             frame: picture.frame,
             outcome: word(picture.outcome, UNSEEN),
             seen_px: picture.seen_px.iter().map(|px| px.to_array()).collect(),
@@ -174,7 +174,7 @@ impl Report {
             image_size_px: found.size_px,
             pixel_mm: refined.plane.pixel_mm(),
             error_mm: (&found.errors).into(),
-            validation_error_mm: found.validation.as_ref().map(Told::from),
+            validation_error_mm: found.validation.as_ref().map(ProbeReport::from),
             validation_is_split: found.split,
             limit_mm,
             frames: frames(found),
