@@ -141,7 +141,7 @@ fn parts_of_a_recording_keep_their_position() {
     assert!(place.does("inspect part.nrrd").contains("SonoweaveCrop = 10 5 20 15"));
     place.refuses("convert s.mha x.mha --crop 30,0,20,5", &["s.mha: the crop of 20×5 pixels", "40×30"]);
     place.refuses("convert s.mha x.mha --frames 6..", &["s.mha: has 6 frames, none of them"]);
-    place.refuses("convert s.mha x.mha --orientation XX", &["\"XX\" is no orientation"]);
+    place.refuses("convert s.mha x.mha --orientation XX", &["the orientation \"XX\" is unknown"]);
     place.refuses("convert part.nrrd x.mha --crop 0,0,5,5", &["was cropped before"]);
     place.refuses("convert s.mha s.mha", &["is the input"]);
     place.refuses("convert s.mha x.nii", &["x.nii: sequences are written as .mha"]);
