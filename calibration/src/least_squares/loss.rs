@@ -34,20 +34,20 @@ impl Loss {
     }
 
     /// Returns the loss for residuals of this many components.
-    pub fn of(self, components: usize) -> Law {
+    pub fn of(self, components: usize) -> RobustLoss {
         let reach = if self == Self::Quadratic { f64::INFINITY } else { as_rare(self.constant(), components) };
-        Law { loss: self, reach }
+        RobustLoss { loss: self, reach }
     }
 }
 
 /// A loss for residuals of a fixed number of components.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Law {
+pub struct RobustLoss {
     loss: Loss,
     reach: f64,
 }
 
-impl Law {
+impl RobustLoss {
     /// Returns the cost ρ of a residual of this length.
     pub fn cost(&self, length: f64) -> f64 {
         let (r, k) = (length, self.reach);

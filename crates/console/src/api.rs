@@ -124,7 +124,7 @@ pub(super) async fn settings(State(served): State<Served>) -> Response {
 
 /// Returns the present session status, without rates, which need two readings.
 pub(super) async fn account(State(served): State<Served>) -> Response {
-    let mut account = super::status::Teller::default().tell(&served);
+    let mut account = super::status::PagePublisher::default().tell(&served);
     if let Some(account) = account["account"].as_object_mut() {
         account.remove("rates");
     }

@@ -24,7 +24,7 @@ use super::marks::Marks;
 use super::orbit_camera::{OrbitCamera, Steer};
 use super::pick::{Answer, Picks};
 use super::planes::{self, Move, Planes};
-use super::style::{Choice, Dress, Ground};
+use super::style::{Choice, Ground, PresentStyle};
 
 /// Interval at which the render thread polls for a new view while a page views it. A user
 /// turning the view does not notice a shorter one.
@@ -106,7 +106,7 @@ pub struct FrameBroadcaster {
     sight: Mutex<OrbitCamera>,
     picks: Picks,
     planes: Mutex<Planes>,
-    dress: Mutex<Dress>,
+    dress: Mutex<PresentStyle>,
     /// Changes with the style of the volume's picture.
     dressed: watch::Sender<u64>,
     audience: Mutex<Audience>,
@@ -309,9 +309,9 @@ impl FrameBroadcaster {
     }
 
     /// Subscribes to a kind of picture without a viewer slot, until dropped.
-    pub(super) fn glance(self: &Arc<Self>, kind: Kind) -> Glance {
+    pub(super) fn glance(self: &Arc<Self>, kind: Kind) -> ShortSubscription {
         self.looked_at[place(kind)].fetch_add(1, Ordering::Relaxed);
-        Glance { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
+        ShortSubscription { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
     }
 
     pub(super) fn is_looked_at(&self, kind: Kind) -> bool {
@@ -340,7 +340,7 @@ impl FrameBroadcaster {
         self.planes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn dress(&self) -> MutexGuard<'_, Dress> {
+    fn dress(&self) -> MutexGuard<'_, PresentStyle> {
         self.dress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -400,13 +400,13 @@ impl PlaneViewer for FrameBroadcaster {
 
 /// A short subscription to one kind of picture.
 #[derive(Debug)]
-pub(super) struct Glance {
+pub(super) struct ShortSubscription {
     screen: Arc<FrameBroadcaster>,
     kind: Kind,
     pub(super) pictures: watch::Receiver<Option<Arc<EncodedFrame>>>,
 }
 
-impl Drop for Glance {
+impl Drop for ShortSubscription {
     fn drop(&mut self) {
         self.screen.looked_at[place(self.kind)].fetch_sub(1, Ordering::Relaxed);
     }

@@ -51,13 +51,13 @@ struct Counts {
 
 /// Status publisher of one page.
 #[derive(Debug, Default)]
-pub(super) struct Teller {
+pub(super) struct PagePublisher {
     before: Option<Counts>,
     /// Rates per second, smoothed over about a second.
     rates: [f64; 3],
 }
 
-impl Teller {
+impl PagePublisher {
     /// Returns the present status.
     pub(super) fn tell(&mut self, served: &Served) -> Value {
         let told = served.session.latest.told();

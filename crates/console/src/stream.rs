@@ -203,7 +203,7 @@ impl<'a> Page<'a> {
         let mut marking = interval(MARKED);
         marking.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut marked: Option<Marks> = None;
-        let mut account = status::Teller::default();
+        let mut account = status::PagePublisher::default();
         let mut told_at = Instant::now();
         let mut about = status::about(self.served);
         let mut dressed = self.seat.dressed();
@@ -265,10 +265,10 @@ impl<'a> Page<'a> {
                 }
                 came = self.socket.recv() => match came {
                     Some(Ok(message)) => match self.heard(message) {
-                        Heard::Fine => continue,
-                        Heard::Done(says) => Out::Text(serde_json::json!({ "done": says })),
-                        Heard::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
-                        Heard::Over(end) => return end,
+                        MessageOutcome::Fine => continue,
+                        MessageOutcome::Done(says) => Out::Text(serde_json::json!({ "done": says })),
+                        MessageOutcome::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
+                        MessageOutcome::Over(end) => return end,
                     },
                     _ => return End::Gone("the connection ended"),
                 },
@@ -341,39 +341,39 @@ impl<'a> Page<'a> {
         self.hand(Message::Binary(packed(shot, captured_ms, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
     }
 
-    fn heard(&mut self, message: Message) -> Heard {
+    fn heard(&mut self, message: Message) -> MessageOutcome {
         self.heard = Instant::now();
         if self.second.elapsed() >= Duration::from_secs(1) {
             (self.messages, self.second) = (0, Instant::now());
         }
         self.messages += 1;
         if self.messages > MOST_MESSAGES {
-            return Heard::Over(End::CutOff("the page sent too many messages"));
+            return MessageOutcome::Over(End::CutOff("the page sent too many messages"));
         }
         let text = match message {
             Message::Text(text) => text,
-            Message::Ping(_) | Message::Pong(_) => return Heard::Fine,
-            Message::Close(_) => return Heard::Over(End::Gone("the page closed the connection")),
-            Message::Binary(_) => return Heard::Refused("binary messages are not accepted; send text".into()),
+            Message::Ping(_) | Message::Pong(_) => return MessageOutcome::Fine,
+            Message::Close(_) => return MessageOutcome::Over(End::Gone("the page closed the connection")),
+            Message::Binary(_) => return MessageOutcome::Refused("binary messages are not accepted; send text".into()),
         };
         let message = match ClientMessage::parse(&text) {
             Ok(ClientMessage::Page(message)) => return self.page(message),
             Ok(message) => message,
-            Err(why) => return Heard::Refused(why),
+            Err(why) => return MessageOutcome::Refused(why),
         };
         if !self.seat.steers() {
-            return Heard::Refused("another page controls this session; take over control first".into());
+            return MessageOutcome::Refused("another page controls this session; take over control first".into());
         }
         match message.execute(self.served) {
             // The picture itself shows that the view has turned.
-            Ok(None) => Heard::Fine,
-            Ok(Some(says)) => Heard::Done(says),
-            Err(why) => Heard::Refused(why),
+            Ok(None) => MessageOutcome::Fine,
+            Ok(Some(says)) => MessageOutcome::Done(says),
+            Err(why) => MessageOutcome::Refused(why),
         }
     }
 
     /// Handles a message about this connection.
-    fn page(&mut self, message: PageMessage) -> Heard {
+    fn page(&mut self, message: PageMessage) -> MessageOutcome {
         match message {
             PageMessage::Show { slice, view, planes } => {
                 for channel in &mut self.channels {
@@ -389,13 +389,13 @@ impl<'a> Page<'a> {
             }
             PageMessage::Shown { kind, sequence, had } => {
                 let Some(channel) = self.channels.iter_mut().find(|channel| channel.kind as u8 == kind) else {
-                    return Heard::Refused(format!("there are no pictures of kind {kind}"));
+                    return MessageOutcome::Refused(format!("there are no pictures of kind {kind}"));
                 };
                 channel.answered(sequence, had);
             }
             PageMessage::Control => self.seat.take_over(),
         }
-        Heard::Fine
+        MessageOutcome::Fine
     }
 }
 
@@ -405,7 +405,7 @@ enum Out {
     Question,
 }
 
-enum Heard {
+enum MessageOutcome {
     Fine,
     Done(String),
     Refused(String),

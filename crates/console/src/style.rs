@@ -35,14 +35,14 @@ pub struct Choice {
 
 /// The style in use.
 #[derive(Debug, Default)]
-pub struct Dress {
+pub struct PresentStyle {
     ground: Option<Ground>,
     choice: Choice,
     /// Number of changes so far.
     changes: u64,
 }
 
-impl Dress {
+impl PresentStyle {
     /// Sets the configured style. Returns whether it differs from the one before.
     pub(super) fn ground(&mut self, ground: Ground) -> bool {
         let is_other = self.ground.as_ref() != Some(&ground);
@@ -136,7 +136,7 @@ mod tests {
         }
     }
 
-    fn worn(dress: &Dress) -> Transfer {
+    fn worn(dress: &PresentStyle) -> Transfer {
         let mut settings = RenderSettings::new([8, 8], ground().transfer);
         dress.put_on(&mut settings);
         settings.transfer
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn style_choice_applies_and_invalid_choice_changes_nothing() {
-        let mut dress = Dress::default();
+        let mut dress = PresentStyle::default();
         assert!(dress.choose(Choice::default()).unwrap_err().contains("no volume is drawn"));
         assert_eq!(dress.told()["dress"], Value::Null);
         assert!(dress.ground(ground()) && !dress.ground(ground()));

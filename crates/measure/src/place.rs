@@ -10,7 +10,7 @@ use super::{MOST_MM, MOST_WIDE_MM, MeasureError};
 
 /// A world position, and how it was picked.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Said")]
+#[serde(from = "MarkInput")]
 pub struct Place {
     /// Position, mm.
     pub point: [f64; 3],
@@ -25,7 +25,7 @@ pub struct Place {
 /// Input format: three numbers, or these with all that is known.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Said {
+enum MarkInput {
     Point([f64; 3]),
     Place(Known),
 }
@@ -42,11 +42,11 @@ struct Known {
     pixel_mm: Option<f64>,
 }
 
-impl From<Said> for Place {
-    fn from(said: Said) -> Self {
+impl From<MarkInput> for Place {
+    fn from(said: MarkInput) -> Self {
         match said {
-            Said::Point(point) => point.into(),
-            Said::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
+            MarkInput::Point(point) => point.into(),
+            MarkInput::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
         }
     }
 }

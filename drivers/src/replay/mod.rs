@@ -16,7 +16,7 @@ pub use session::SessionReplay;
 use std::path::PathBuf;
 
 use formats::Limits;
-use formats::image::Told;
+use formats::image::OnRows;
 use sonoweave_core::Device;
 
 use crate::{Driver, Error, Listing, OpenSettings};
@@ -44,7 +44,7 @@ pub struct SequenceSettings {
 
 /// Progress callback: receives the numbers of finished parts and of all parts.
 #[derive(Clone, Default)]
-pub struct Progress(pub Option<Told>);
+pub struct Progress(pub Option<OnRows>);
 
 impl std::fmt::Debug for Progress {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -100,14 +100,14 @@ impl Twin {
 }
 
 /// A command as the unit reads it; [`word`](Self::word) gives the words of its payload by index.
-struct Told<'a> {
+struct CommandWords<'a> {
     command: u32,
     action: Action,
     mode: u32,
     payload: &'a [u8],
 }
 
-impl Told<'_> {
+impl CommandWords<'_> {
     fn word(&self, index: usize) -> Option<u32> {
         self.payload.as_chunks::<4>().0.get(index).map(|word| u32::from_le_bytes(*word))
     }
@@ -115,7 +115,7 @@ impl Told<'_> {
 
 impl Viper {
     /// Obeys a command and returns the answer; `None` if the command is wrong.
-    fn command(&mut self, told: &Told<'_>) -> Option<Vec<u8>> {
+    fn command(&mut self, told: &CommandWords<'_>) -> Option<Vec<u8>> {
         let mut answer = Vec::new();
         match (told.command, told.action) {
             (code::UNITS, Action::Set) => {
@@ -152,7 +152,7 @@ impl Viper {
         let done = |is_command, action| Obeyed { taken: 0, is_command, action };
         let Some(action) = command.action() else { return done(false, UnitAction::Nothing) };
         let mode = command.arguments[1];
-        let told = Told { command: command.command, action, mode, payload: command.payload };
+        let told = CommandWords { command: command.command, action, mode, payload: command.payload };
         match (told.command, action) {
             (code::INITIALIZE, Action::Set) => {
                 self.deaf = false;

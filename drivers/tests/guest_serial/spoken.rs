@@ -45,8 +45,8 @@ impl Spoken {
                 };
                 while !told.load(Ordering::Relaxed) {
                     match turn(&peer, &mut line, cut.load(Ordering::Relaxed)) {
-                        Ok(Said::All) => {}
-                        Ok(Said::Half) => {
+                        Ok(SendResult::All) => {}
+                        Ok(SendResult::Half) => {
                             cut.store(false, Ordering::Relaxed);
                             while !told.load(Ordering::Relaxed) {
                                 std::thread::sleep(Duration::from_millis(2));
@@ -85,7 +85,7 @@ impl Drop for Spoken {
 }
 
 /// Result of sending the unit's bytes.
-enum Said {
+enum SendResult {
     /// All bytes were sent, if there were any.
     All,
     /// Only the first half was sent.
@@ -93,7 +93,7 @@ enum Said {
 }
 
 /// Waits for the host's or the unit's next bytes, whichever come first, and passes them on.
-fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::io::Result<Said> {
+fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::io::Result<SendResult> {
     let now = Monotonic.now_ns();
     // `None` if the unit is unplugged or has nothing to send.
     let said = peer.lock().unwrap().next(0, now, now).ok().flatten();
@@ -104,7 +104,7 @@ fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::
         line.set_timeout(WRITE)?;
         line.write_all(&bytes)?;
         if breaks_off {
-            return Ok(Said::Half);
+            return Ok(SendResult::Half);
         }
     }
     let until = peer.lock().unwrap().due(now).unwrap_or(i64::MAX).min(now + TURN);
@@ -115,10 +115,10 @@ fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::
         Ok(0) => Err(ErrorKind::BrokenPipe.into()),
         Ok(bytes) => {
             peer.lock().unwrap().written(&buffer[..bytes], 0, Monotonic.now_ns());
-            Ok(Said::All)
+            Ok(SendResult::All)
         }
         Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock) => {
-            Ok(Said::All)
+            Ok(SendResult::All)
         }
         Err(error) => Err(error),
     }

@@ -41,7 +41,7 @@ pub use layout::Content;
 use layout::{Encoding, Layout};
 use sequence::Sequence;
 pub use spacing::ELEMENT_SPACING;
-pub use transposed::Told;
+pub use transposed::OnRows;
 pub use volume::{VolumeHeader, VolumeReader};
 
 use crate::{Error, Limits};

@@ -10,7 +10,7 @@ use crate::image::layout::{Layout, ListAxis};
 use crate::image::stream::PixelStream;
 
 /// Callback: receives the number of rows read and the number of all rows, of all frames.
-pub type Told = Arc<dyn Fn(u64, u64) + Send + Sync>;
+pub type OnRows = Arc<dyn Fn(u64, u64) + Send + Sync>;
 
 /// Side of the square of pixels transposed at once: its source and target fit into the fastest
 /// cache.
@@ -20,7 +20,7 @@ const BLOCK: usize = 64;
 ///
 /// # Errors
 /// The errors of [`PixelStream::read`].
-pub fn frames<R: BufRead>(reader: R, path: &Path, layout: &Layout, told: Option<&Told>) -> Result<Vec<u8>, Error> {
+pub fn frames<R: BufRead>(reader: R, path: &Path, layout: &Layout, told: Option<&OnRows>) -> Result<Vec<u8>, Error> {
     let [width, height] = layout.size.map(|n| n as usize);
     let frames = layout.layers as usize;
     let pixel = layout.pixel.bytes() * layout.channels as usize;

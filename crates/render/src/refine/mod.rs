@@ -27,7 +27,7 @@ use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::refine::adaptive::{Casting, DEPTHS, REGION, Regions};
 use super::refine::features::Features;
-use super::refine::preview::{Preview, Sight, Unlit};
+use super::refine::preview::{Preview, PreviewInputs, Unlit};
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::shaded::Dirty;
@@ -164,13 +164,13 @@ impl<const C: usize> Turning<C> {
 
 impl<const C: usize> Layers<C> {
     /// Returns the inputs of coarse rays: voxels that have to be lit first, or lit voxels.
-    fn sight<'a>(voxels: &'a Voxels<C>, relight: bool, scene: Scene<'a>) -> Sight<'a, C> {
+    fn sight<'a>(voxels: &'a Voxels<C>, relight: bool, scene: Scene<'a>) -> PreviewInputs<'a, C> {
         let Scene { camera, stage, shown, shader, fold, .. } = scene;
         let unlit = match voxels {
             Voxels::Lit(shaded) if relight => Some(Unlit { shown, shaded, shader }),
             _ => None,
         };
-        Sight { camera, stage, unlit, sampler: Sampler::new(voxels, shader), fold }
+        PreviewInputs { camera, stage, unlit, sampler: Sampler::new(voxels, shader), fold }
     }
 
     /// Updates the picture for boxes of changed voxels, from which the scene's marks are made.

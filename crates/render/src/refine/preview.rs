@@ -31,7 +31,7 @@ const STRIDE: u32 = 2;
 
 /// Inputs of the preview rays.
 #[derive(Clone, Copy)]
-pub(crate) struct Sight<'a, const C: usize> {
+pub(crate) struct PreviewInputs<'a, const C: usize> {
     pub(crate) camera: &'a Camera,
     pub(crate) stage: &'a RenderRegion,
     /// Set if the voxels are not lit for this view.
@@ -80,7 +80,7 @@ impl<const C: usize> Preview<C> {
     /// Casts the rays that some footprints reach, or all; returns their number.
     pub(crate) fn cast(
         &mut self,
-        sight: Sight<'_, C>,
+        sight: PreviewInputs<'_, C>,
         reached: Option<&[Footprint]>,
         simd: Simd,
         sharing: Sharing,
@@ -132,7 +132,7 @@ impl<const C: usize> Preview<C> {
 
 /// One ray.
 struct Look<'a, const C: usize> {
-    sight: Sight<'a, C>,
+    sight: PreviewInputs<'a, C>,
     at: [u32; 2],
 }
 
@@ -141,7 +141,7 @@ impl<const C: usize> Fused for Look<'_, C> {
 
     #[inline(always)]
     fn run(self) -> Through<C> {
-        let Self { sight: Sight { camera, stage, unlit, sampler, fold }, at: [i, j] } = self;
+        let Self { sight: PreviewInputs { camera, stage, unlit, sampler, fold }, at: [i, j] } = self;
         let ray = camera.ray(i, j);
         let [low, high] = stage.bounds();
         let first = stage.first();

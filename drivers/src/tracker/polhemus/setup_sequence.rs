@@ -78,7 +78,7 @@ pub enum Say<Q> {
 
 /// State of a question.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
+pub enum QuestionState {
     /// No answer yet.
     Nothing,
     /// The answer is as expected.
@@ -112,7 +112,7 @@ pub trait UnitProtocol: Send {
     /// of the first answer, `None` for USB.
     fn script(&mut self, baud: Option<u32>) -> Vec<Say<Self::Question>>;
     /// Takes bytes while a question is open.
-    fn hear(&mut self, bytes: &[u8], question: Self::Question) -> Heard;
+    fn hear(&mut self, bytes: &[u8], question: Self::Question) -> QuestionState;
     /// Returns the bytes that start the stream, after set-up.
     fn stream(&mut self, baud: Option<u32>) -> Vec<u8>;
     /// Prepares to replay recorded bytes, which the unit sent after set-up with these settings.
@@ -256,9 +256,9 @@ impl<D: UnitProtocol> Tracker<D> {
     fn hear(&mut self, bytes: &[u8]) -> SetupStep {
         let Some(question) = self.question else { return SetupStep::More };
         match self.dialect.hear(bytes, question) {
-            Heard::Nothing => SetupStep::More,
-            Heard::Bad(why) => self.fall(why),
-            Heard::Good => {
+            QuestionState::Nothing => SetupStep::More,
+            QuestionState::Bad(why) => self.fall(why),
+            QuestionState::Good => {
                 if !self.is_there {
                     (self.is_there, self.found, self.tried) = (true, self.baud(), 0);
                     self.script = self.dialect.script(self.baud()).into();

@@ -11,7 +11,7 @@ use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
-use crate::tracker::polhemus::setup_sequence::{Heard, Line, Say, Tracker, UnitProtocol, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, wire_ns};
 
 /// Measurements per second, shared by the stations.
 const CYCLES: f64 = 120.0;
@@ -164,9 +164,9 @@ impl UnitProtocol for Speech {
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> Heard {
+    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
-            Question::Status => self.hear_status(bytes).map_or(Heard::Nothing, |_| Heard::Good),
+            Question::Status => self.hear_status(bytes).map_or(QuestionState::Nothing, |_| QuestionState::Good),
             Question::List(station) => {
                 let wanted = self.layouts[usize::from(station) - 1];
                 let mut is_right = false;
@@ -176,9 +176,9 @@ impl UnitProtocol for Speech {
                     true
                 });
                 match (answered, is_right) {
-                    (false, _) => Heard::Nothing,
-                    (true, true) => Heard::Good,
-                    (true, false) => Heard::Bad(
+                    (false, _) => QuestionState::Nothing,
+                    (true, true) => QuestionState::Good,
+                    (true, false) => QuestionState::Bad(
                         "was told what to send and says that it will send something else; switch it off and on".into(),
                     ),
                 }
@@ -190,17 +190,19 @@ impl UnitProtocol for Speech {
                     stations = reply.stations().or(stations);
                     stations.is_some()
                 });
-                stations.map_or(Heard::Nothing, |stations| judge_stations(&wanted, &stations))
+                stations.map_or(QuestionState::Nothing, |stations| judge_stations(&wanted, &stations))
             }
             Question::Verify => {
-                let Some(status) = self.hear_status(bytes) else { return Heard::Nothing };
+                let Some(status) = self.hear_status(bytes) else { return QuestionState::Nothing };
                 let is_right = status.binary == self.settings.binary && status.centimetres && !status.continuous;
                 match self.wrong.take() {
-                    None if is_right => Heard::Good,
-                    Some(wrong) if is_right => Heard::Bad(format!("{wrong}; its firmware may be of another kind")),
+                    None if is_right => QuestionState::Good,
+                    Some(wrong) if is_right => {
+                        QuestionState::Bad(format!("{wrong}; its firmware may be of another kind"))
+                    }
                     said => {
                         let said = said.unwrap_or_else(|| "has not taken its settings".into());
-                        Heard::Bad(format!("{said}; switch it off and on"))
+                        QuestionState::Bad(format!("{said}; switch it off and on"))
                     }
                 }
             }
@@ -258,13 +260,13 @@ impl UnitProtocol for Speech {
 }
 
 /// Compares the stations that the unit reports in use with the requested ones.
-pub(in crate::tracker::polhemus) fn judge_stations(wanted: &[bool], used: &[bool]) -> Heard {
+pub(in crate::tracker::polhemus) fn judge_stations(wanted: &[bool], used: &[bool]) -> QuestionState {
     if wanted == used {
-        return Heard::Good;
+        return QuestionState::Good;
     }
     let missing = wanted.iter().zip(used).enumerate().filter(|(_, (wanted, used))| **wanted && !**used);
     let missing: Vec<String> = missing.map(|(index, _)| (index + 1).to_string()).collect();
-    Heard::Bad(match missing.is_empty() {
+    QuestionState::Bad(match missing.is_empty() {
         true => "keeps stations in use that were not asked for; switch it off and on".into(),
         false => {
             format!("does not use station {}; plug its sensor in, and check the station's switch", missing.join(", "))

@@ -16,7 +16,7 @@ use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::fastrak::command::NO_FILTER;
 use crate::tracker::polhemus::fastrak::{self, Command, Fastrak, Mode, Reply, judge_stations, status_of};
-use crate::tracker::polhemus::setup_sequence::{Heard, Line, Say, Tracker, UnitProtocol, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, wire_ns};
 
 /// Measurements per second, shared by the stations. Not confirmed by the unit's manual.
 const CYCLES: f64 = 60.0;
@@ -214,11 +214,11 @@ impl UnitProtocol for Speech {
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> Heard {
+    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
             Question::Status => match self.answered(bytes, |_| true) {
-                true => Heard::Good,
-                false => Heard::Nothing,
+                true => QuestionState::Good,
+                false => QuestionState::Nothing,
             },
             Question::Stations => {
                 let mut used = None;
@@ -230,9 +230,11 @@ impl UnitProtocol for Speech {
                 match (used, self.wrong.take()) {
                     (None, wrong) => {
                         self.wrong = wrong;
-                        Heard::Nothing
+                        QuestionState::Nothing
                     }
-                    (Some(_), Some(wrong)) => Heard::Bad(format!("{wrong}; its firmware may be of another kind")),
+                    (Some(_), Some(wrong)) => {
+                        QuestionState::Bad(format!("{wrong}; its firmware may be of another kind"))
+                    }
                     (Some(used), None) => judge_stations(&wanted, &used[..usize::from(STATIONS)]),
                 }
             }
@@ -240,8 +242,8 @@ impl UnitProtocol for Speech {
                 let seen = &mut self.seen;
                 self.records.feed(bytes, &mut |record| seen[usize::from(record.station) - 1] = true);
                 match self.settings.stations.iter().all(|station| self.seen[usize::from(*station) - 1]) {
-                    true => Heard::Good,
-                    false => Heard::Nothing,
+                    true => QuestionState::Good,
+                    false => QuestionState::Nothing,
                 }
             }
         }

@@ -17,7 +17,7 @@ use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::counter::{Counted, Counter};
-use crate::tracker::polhemus::setup_sequence::{Heard, Line, Say, Tracker, UnitProtocol, fastest, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, fastest, wire_ns};
 
 /// Time from the middle of the measurement to the first byte, ns (manual: latency without
 /// filters).
@@ -144,13 +144,13 @@ impl Speech {
         active
     }
 
-    fn judge_stations(&self, active: u16) -> Heard {
+    fn judge_stations(&self, active: u16) -> QuestionState {
         let absent = self.settings.stations.iter().filter(|station| active >> (*station - 1) & 1 == 0);
         let absent: Vec<String> = absent.map(|station| station.to_string()).collect();
         if absent.is_empty() {
-            return Heard::Good;
+            return QuestionState::Good;
         }
-        Heard::Bad(format!("does not use station {}; plug its sensor in, and wait a second", absent.join(", ")))
+        QuestionState::Bad(format!("does not use station {}; plug its sensor in, and wait a second", absent.join(", ")))
     }
 }
 
@@ -216,13 +216,13 @@ impl UnitProtocol for Speech {
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> Heard {
+    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
             Question::Who => match self.hear_stations(bytes) {
-                None => Heard::Nothing,
+                None => QuestionState::Nothing,
                 Some(active) => {
                     self.active = active;
-                    Heard::Good
+                    QuestionState::Good
                 }
             },
             Question::Units => {
@@ -232,9 +232,9 @@ impl UnitProtocol for Speech {
                     centimetres.is_some()
                 });
                 match centimetres {
-                    None => Heard::Nothing,
-                    Some(true) => Heard::Good,
-                    Some(false) => Heard::Bad("keeps sending inches; switch it off and on".into()),
+                    None => QuestionState::Nothing,
+                    Some(true) => QuestionState::Good,
+                    Some(false) => QuestionState::Bad("keeps sending inches; switch it off and on".into()),
                 }
             }
             Question::List(_) => {
@@ -248,17 +248,17 @@ impl UnitProtocol for Speech {
                     reply.header.command == b'O'
                 });
                 match (answered, is_right) {
-                    (false, _) => Heard::Nothing,
-                    (true, true) => Heard::Good,
-                    (true, false) => Heard::Bad(
+                    (false, _) => QuestionState::Nothing,
+                    (true, true) => QuestionState::Good,
+                    (true, false) => QuestionState::Bad(
                         "was told what to send and says that it will send something else; switch it off and on".into(),
                     ),
                 }
             }
             Question::Verify => {
-                let Some(active) = self.hear_stations(bytes) else { return Heard::Nothing };
+                let Some(active) = self.hear_stations(bytes) else { return QuestionState::Nothing };
                 match self.wrong.take() {
-                    Some(wrong) => Heard::Bad(format!("{wrong}; its firmware may be of another kind")),
+                    Some(wrong) => QuestionState::Bad(format!("{wrong}; its firmware may be of another kind")),
                     None => self.judge_stations(active),
                 }
             }

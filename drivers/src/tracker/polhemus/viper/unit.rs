@@ -16,7 +16,7 @@ use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::counter::{Counted, Counter};
-use crate::tracker::polhemus::setup_sequence::{Heard, Line, Say, Tracker, UnitProtocol, fastest, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, fastest, wire_ns};
 
 /// Frame rates; some units offer those above 240 Hz as an option, others refuse them.
 const RATES: [(Rate, f64); 6] = [
@@ -124,33 +124,35 @@ impl Speech {
     }
 
     /// Compares the reported settings with the requested ones.
-    fn judge(&mut self, reply: &[u32], question: Question) -> Heard {
+    fn judge(&mut self, reply: &[u32], question: Question) -> QuestionState {
         // A missing word reads as 0.
         let first = reply.first().copied().unwrap_or_default();
         match question {
             Question::Sensors => {
                 self.sensors = (first & 0xffff) as u16;
-                Heard::Good
+                QuestionState::Good
             }
             Question::Verify => {
                 let absent = self.settings.stations.iter().filter(|station| first >> (*station - 1) & 1 == 0);
                 let absent: Vec<String> = absent.map(|station| station.to_string()).collect();
                 if absent.is_empty() {
-                    return Heard::Good;
+                    return QuestionState::Good;
                 }
-                Heard::Bad(format!("has no sensor at station {}; plug it in", absent.join(", ")))
+                QuestionState::Bad(format!("has no sensor at station {}; plug it in", absent.join(", ")))
             }
             Question::Units if *reply != [PositionUnit::Centimetres as u32, OrientationUnit::Quaternion as u32] => {
-                Heard::Bad("keeps sending other units than centimetres and quaternions; switch it off and on".into())
+                QuestionState::Bad(
+                    "keeps sending other units than centimetres and quaternions; switch it off and on".into(),
+                )
             }
             Question::Rate if first != self.rate.0 as u32 => {
-                Heard::Bad(format!("does not accept {} frames a second; switch it off and on", self.rate.1))
+                QuestionState::Bad(format!("does not accept {} frames a second; switch it off and on", self.rate.1))
             }
-            Question::Units | Question::Rate | Question::Set(_) | Question::Forget(_) => Heard::Good,
+            Question::Units | Question::Rate | Question::Set(_) | Question::Forget(_) => QuestionState::Good,
         }
     }
 
-    fn judge_reply(&mut self, reply: &Reply<'_>, question: Question) -> Heard {
+    fn judge_reply(&mut self, reply: &Reply<'_>, question: Question) -> QuestionState {
         self.unit = reply.unit;
         match reply.action() {
             Some(Action::Ack | Action::NakWarning) => {
@@ -159,16 +161,16 @@ impl Speech {
                 numbers.iter_mut().zip(words).for_each(|(number, word)| *number = u32::from_le_bytes(*word));
                 self.judge(&numbers[..words.len().min(2)], question)
             }
-            Some(Action::Nak) if matches!(question, Question::Forget(_)) => Heard::Good,
+            Some(Action::Nak) if matches!(question, Question::Forget(_)) => QuestionState::Good,
             Some(Action::Nak) => {
                 let said = reply.nak().map(|nak| String::from_utf8_lossy(nak.text).trim().to_owned());
-                Heard::Bad(format!(
+                QuestionState::Bad(format!(
                     "refused command {}: {}; its firmware may be of another kind",
                     reply.command,
                     said.filter(|said| !said.is_empty()).unwrap_or_else(|| "without a reason".into())
                 ))
             }
-            _ => Heard::Nothing,
+            _ => QuestionState::Nothing,
         }
     }
 }
@@ -222,14 +224,14 @@ impl UnitProtocol for Speech {
         .into()
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> Heard {
+    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         // The closure below borrows `self` while the decoder runs, so the decoder is taken out.
         let mut decoder = std::mem::replace(&mut self.decoder, Decoder::new(Viper::new(0)));
-        let mut heard = Heard::Nothing;
+        let mut heard = QuestionState::Nothing;
         decoder.feed(bytes, &mut |record, _| {
             if let Record::Reply(reply) = record
                 && reply.command == question.command()
-                && heard == Heard::Nothing
+                && heard == QuestionState::Nothing
             {
                 heard = self.judge_reply(&reply, question);
             }
