@@ -28,7 +28,7 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
-use config::Unfit;
+use config::Error;
 pub use config::values;
 use pipeline::trace::{self, TraceFile};
 
@@ -134,11 +134,25 @@ impl<E: std::error::Error> From<E> for Failure {
 
 impl Failure {
     /// Converts a problem of settings whose flags have the settings' names.
-    fn flag(Unfit { setting, problem }: Unfit) -> Self {
-        match setting {
-            "" => Self(problem),
-            _ => Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-"))),
+    fn flag(error: Error) -> Self {
+        match error {
+            Error::Setting { setting, problem } if !setting.is_empty() => {
+                Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-")))
+            }
+            other => other.into(),
         }
+    }
+
+    /// Adds to a refused session configuration the command that helps.
+    fn configuration(error: Error) -> Self {
+        let advice = match &error {
+            Error::Misplaced { .. } | Error::DeviceSet { .. } => {
+                "; `sonoweave live --example fastrak` prints an example"
+            }
+            Error::Uncalibrated { .. } => "; `sonoweave calibrate probe --live` measures it",
+            _ => "",
+        };
+        Self(format!("{error}{advice}"))
     }
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use calibration::arm::{JOINTS, Joint};
 use calibration::file::preset::Preset;
 use calibration::file::{CalibrationFile, NoPreset};
-use config::{ConfigError, Settings, SourceKind};
+use config::{Error, Settings, SourceKind};
 use sonoweave_core::named::StaticTransform;
 
 use super::super::Failure;
@@ -58,7 +58,7 @@ impl ConfigurationReport {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         // If there are several presets, the first one is shown in full.
         let (settings, first) = match Settings::read(path, None) {
-            Err(ConfigError::Preset { problem: NoPreset::Unnamed { known }, .. }) => {
+            Err(Error::Preset { problem: NoPreset::Unnamed { known }, .. }) => {
                 let first = known.into_iter().next();
                 (Settings::read(path, first.as_deref())?, first)
             }
