@@ -162,7 +162,8 @@ fn twin(tracker: &Tracker, motion: Motion, faults: Faults) -> std::io::Result<Pt
 /// Starts the simulated lines of an arm, base first; its home position is where the hand begins.
 fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64) -> Result<Vec<Pty>, OpenError> {
     let counts_per_turn = arm.twin_counts_per_turn();
-    let carried = VirtualBedside::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.problem))?;
+    let carried =
+        VirtualBedside::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.to_string()))?;
     let joints = Arc::new(carried).joints();
     let lines: std::io::Result<Vec<Pty>> = match arm.kind {
         ArmKind::Ea1(speech) => {

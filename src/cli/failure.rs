@@ -1,6 +1,6 @@
 //! The failure of a command, as a sentence for the user.
 
-use config::Unfit;
+use config::Error;
 
 /// Reason why a command failed: a sentence for stderr, exit code 1.
 #[derive(Debug)]
@@ -27,10 +27,24 @@ fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
 
 impl Failure {
     /// Converts a problem of settings whose flags have the settings' names.
-    pub(super) fn flag(Unfit { setting, problem }: Unfit) -> Self {
-        match setting {
-            "" => Self(problem),
-            _ => Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-"))),
+    pub(super) fn flag(error: Error) -> Self {
+        match error {
+            Error::Setting { setting, problem } if !setting.is_empty() => {
+                Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-")))
+            }
+            other => other.into(),
         }
+    }
+
+    /// Adds to a refused session configuration the command that helps.
+    pub(super) fn configuration(error: Error) -> Self {
+        let advice = match &error {
+            Error::Misplaced { .. } | Error::DeviceSet { .. } => {
+                "; `sonoweave live --example fastrak` prints an example"
+            }
+            Error::Uncalibrated { .. } => "; `sonoweave calibrate probe --live` measures it",
+            _ => "",
+        };
+        Self(format!("{error}{advice}"))
     }
 }

@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 .into(),
         ));
     };
-    let bedside = Bedside::read(path)?;
+    let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     if !arguments.check {
         drop(out);
         return session::session(&bedside, &arguments.conduct, &arguments.outputs).map(drop);

@@ -29,7 +29,7 @@ use calibration::file::preset::Preset;
 use calibration::file::{CalibrationFile, Latency};
 use calibration::tracker::zones::Zones;
 use mask::{Clip, MaskSettings};
-use sonoweave_core::keys::{FileError, Source, numbers};
+use sonoweave_core::keys::{BadNumbers, FileError, Source, numbers};
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
 use sync::PairingOptions;
@@ -104,39 +104,37 @@ impl Settings {
     /// Reads a file of either kind, and its preset of that name, or the only one.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file, line and key or element.
-    pub fn read(path: &Path, preset: Option<&str>) -> Result<Self, ConfigError> {
+    /// [`Error`] naming file, line and key or element.
+    pub fn read(path: &Path, preset: Option<&str>) -> Result<Self, Error> {
         Self::parse(path, &sonoweave_core::keys::read_text(path, MAX_BYTES)?, preset)
     }
 
     /// Reads a file's text; `path` is for messages only.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file, line and key or element.
-    pub fn parse(path: &Path, text: &str, preset: Option<&str>) -> Result<Self, ConfigError> {
+    /// [`Error`] naming file, line and key or element.
+    pub fn parse(path: &Path, text: &str, preset: Option<&str>) -> Result<Self, Error> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         match kind_of(path, text)? {
             Kind::Plus => match preset {
                 None => return plus::parse(path, text),
                 Some(name) => {
                     let none = PresetError::Unknown { name: name.to_owned(), known: Vec::new() };
-                    return Err(ConfigError::Preset { path: path.to_owned(), problem: none });
+                    return Err(Error::Preset { path: path.to_owned(), problem: none });
                 }
             },
             // For another kind, the parser's error names the found and the expected format.
             Kind::Calibration | Kind::Other => {}
             Kind::Bedside => {
-                return Err(ConfigError::Misplaced {
+                return Err(Error::Misplaced {
                     path: path.to_owned(),
                     what: "a session configuration, for `live`",
-                    wanted: "a calibration is wanted here: give the file named in its section [calibration]; \
-                        `sonoweave live --check --config` checks a session configuration"
-                        .into(),
+                    wanted: "a calibration is wanted here: give the file named in its section [calibration]".into(),
                 });
             }
         }
         let mut file = CalibrationFile::parse(path, text)?;
-        let no_preset = |problem| ConfigError::Preset { path: path.to_owned(), problem };
+        let no_preset = |problem| Error::Preset { path: path.to_owned(), problem };
         let preset = file.choose(preset).map_err(no_preset)?;
         Ok(Self { path: Some(path.to_owned()), preset, ..Self::of_file(&file) })
     }
@@ -162,12 +160,11 @@ impl Settings {
     /// major, pixels → mm).
     ///
     /// # Errors
-    /// A sentence without a beginning, for the caller to head with the option's name: not 16
-    /// numbers, or no invertible affine matrix.
-    pub fn set_image_to_probe(&mut self, text: &str) -> Result<(), String> {
+    /// [`Error::Value`]: not 16 numbers, or no invertible affine matrix.
+    pub fn set_image_to_probe(&mut self, text: &str) -> Result<(), Error> {
         let rows = numbers::<16>(text)?;
         let image = self.image_frame.as_deref().unwrap_or("Image");
-        let given = StaticTransform::new(image, "Probe", &rows).map_err(|e| e.to_string())?;
+        let given = StaticTransform::new(image, "Probe", &rows).map_err(|e| Error::Value(e.to_string()))?;
         self.transforms.retain(|other| !other.relates_same_frames(&given));
         self.transforms.push(given);
         Ok(())
@@ -201,8 +198,8 @@ pub enum Kind {
 /// Determines a text's kind by its content.
 ///
 /// # Errors
-/// [`ConfigError`] when it is neither XML nor TOML.
-pub fn kind_of(path: &Path, text: &str) -> Result<Kind, ConfigError> {
+/// [`Error`] when it is neither XML nor TOML.
+pub fn kind_of(path: &Path, text: &str) -> Result<Kind, Error> {
     // TOML cannot begin with '<', and XML always does.
     if text.trim_start().starts_with('<') {
         return Ok(Kind::Plus);
@@ -216,32 +213,10 @@ pub fn kind_of(path: &Path, text: &str) -> Result<Kind, ConfigError> {
     })
 }
 
-/// Reason why readable settings cannot be used.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unfit {
-    /// Name of the setting's flag without dashes, several of them separated by `, `; empty if
-    /// the sentence contains it.
-    pub setting: &'static str,
-    /// The problem and the valid values; follows the name.
-    pub problem: String,
-}
-
-impl Unfit {
-    /// Makes the reason for one setting.
-    pub(crate) fn new(setting: &'static str, problem: impl Into<String>) -> Self {
-        Self { setting, problem: problem.into() }
-    }
-
-    /// Makes the reason from a complete sentence.
-    pub(crate) fn whole(problem: String) -> Self {
-        Self { setting: "", problem }
-    }
-}
-
 /// Reason why a configuration is refused. The display is a sentence with the problem, its place
 /// and the remedy.
 #[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
+pub enum Error {
     /// Our own file, or reading either kind.
     #[error(transparent)]
     File(#[from] FileError),
@@ -295,6 +270,36 @@ pub enum ConfigError {
         /// The missing part, and the remedy.
         problem: String,
     },
+    /// Readable settings that cannot be used, such as a pair of contradictory ones.
+    #[error("{problem}")]
+    Setting {
+        /// Names of the settings, separated by `, `; empty if the sentence contains them.
+        setting: &'static str,
+        /// The problem and the valid values.
+        problem: String,
+    },
+    /// A value cannot be parsed. The sentence has no beginning, for the caller to head with the
+    /// value's name.
+    #[error("{0}")]
+    Value(String),
+    /// A key of a settings override.
+    #[error("{key}: {problem}")]
+    Override {
+        /// Dotted.
+        key: String,
+        /// The problem and its remedy.
+        problem: String,
+    },
+    /// Nothing relates the image to the probe.
+    #[error(
+        "{path}: [calibration] (line 1): is missing: give file = \"…\" with a calibration file or a PLUS XML, or give \
+         image_to_probe",
+        path = path.display()
+    )]
+    Uncalibrated {
+        /// The file.
+        path: PathBuf,
+    },
     /// XML with other contents.
     #[error(
         "{path}: holds no CoordinateDefinitions, CalibrationResults or VolumeReconstruction element; a PLUS configuration or \
@@ -305,6 +310,25 @@ pub enum ConfigError {
         /// The file.
         path: PathBuf,
     },
+}
+
+impl Error {
+    /// Makes an error of one setting, or of several with an empty name.
+    pub(crate) fn setting(setting: &'static str, problem: impl Into<String>) -> Self {
+        Self::Setting { setting, problem: problem.into() }
+    }
+}
+
+impl From<String> for Error {
+    fn from(problem: String) -> Self {
+        Self::Value(problem)
+    }
+}
+
+impl From<BadNumbers> for Error {
+    fn from(bad: BadNumbers) -> Self {
+        Self::Value(bad.to_string())
+    }
 }
 
 #[cfg(test)]

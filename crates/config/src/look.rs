@@ -12,7 +12,7 @@ use render::settings::STOP;
 use render::{self, RenderRegion, RenderSettings, Shading};
 use sonoweave_core::frames::{Transform, Volume, World};
 
-use super::Unfit;
+use super::Error;
 
 /// Rendering mode.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -132,31 +132,31 @@ impl Look {
     /// Refuses settings that suit no volume.
     ///
     /// # Errors
-    /// [`Unfit`] with the setting and its valid values.
-    pub fn check(&self) -> Result<(), Unfit> {
+    /// [`Error::Setting`] with the setting and its valid values.
+    pub fn check(&self) -> Result<(), Error> {
         if let Some(stop) = self.stop.filter(|stop| !(0.0..=1.0).contains(stop)) {
-            return Err(Unfit::new("stop", format!("must lie between 0 and 1, not at {stop}")));
+            return Err(Error::setting("stop", format!("must lie between 0 and 1, not at {stop}")));
         }
         if let Some(isovalue) = self.isovalue.filter(|value| !value.is_finite()) {
-            return Err(Unfit::new("isovalue", format!("must be a finite number of grey levels, not {isovalue}")));
+            return Err(Error::setting("isovalue", format!("must be a finite number of grey levels, not {isovalue}")));
         }
         if !(0.0..=1.0).contains(&self.adaptive) {
             let problem = format!("must lie between 0, which casts all rays, and 1, not at {}", self.adaptive);
-            return Err(Unfit::new("adaptive", problem));
+            return Err(Error::setting("adaptive", problem));
         }
         self.check_mode()?;
         self.transfer([0.0, 1.0])?;
         let stage = RenderRegion::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3]);
         let camera =
             stage.and_then(|stage| Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage));
-        camera.map(|_| ()).map_err(|e| Unfit::whole(e.to_string()))
+        camera.map(|_| ()).map_err(|e| Error::setting("", e.to_string()))
     }
 
     /// Refuses settings without effect in the mode: the user expects an effect.
-    fn check_mode(&self) -> Result<(), Unfit> {
+    fn check_mode(&self) -> Result<(), Error> {
         let mode = self.mode;
         let no_use = |setting, why: &str| {
-            Err(Unfit::new(setting, format!("has no effect in the mode {}, {why}; leave it out", mode.name())))
+            Err(Error::setting(setting, format!("has no effect in the mode {}, {why}; leave it out", mode.name())))
         };
         if self.isovalue.is_some() && mode != Mode::Iso {
             return no_use("isovalue", "which draws no surface of one grey level");
@@ -185,13 +185,13 @@ impl Look {
     /// black to white over `range`.
     ///
     /// # Errors
-    /// [`Unfit`] when there is no such transfer function.
+    /// [`Error::Setting`] when there is no such transfer function.
     pub fn settings(
         &self,
         range: [f32; 2],
         slice_axes: Option<[DVec3; 2]>,
         threads: usize,
-    ) -> Result<RenderSettings, Unfit> {
+    ) -> Result<RenderSettings, Error> {
         Ok(RenderSettings {
             view: self.view(slice_axes, 0.0, false),
             mode: self.drawn(range),
@@ -237,15 +237,15 @@ impl Look {
         self.transfer.as_deref().unwrap_or(usual)
     }
 
-    fn transfer(&self, range: [f32; 2]) -> Result<Transfer, Unfit> {
+    fn transfer(&self, range: [f32; 2]) -> Result<Transfer, Error> {
         if let Some(read) = &self.read {
             return Ok(read.clone());
         }
         let name = self.transfer_name();
         if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-            return Transfer::read(Path::new(name)).map_err(|e| Unfit::whole(e.to_string()));
+            return Transfer::read(Path::new(name)).map_err(|e| Error::setting("", e.to_string()));
         }
         Transfer::preset(name, range.map(f64::from))
-            .map_err(|e| Unfit::new("transfer", format!("{e}; or give a file with a name that ends in .toml")))
+            .map_err(|e| Error::setting("transfer", format!("{e}; or give a file with a name that ends in .toml")))
     }
 }

@@ -21,7 +21,7 @@ use sonoweave_core::frames::{Phantom, Reference, Transform};
 use sonoweave_core::region::ClipRect;
 
 use super::plus::{Reader, document, is};
-use super::{ConfigError, Kind, MAX_BYTES, kind_of};
+use super::{Error, Kind, MAX_BYTES, kind_of};
 
 /// Frame names in a sequence's transforms: `ProbeToTracker` if the probe's frame is `Probe`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,16 +60,16 @@ impl PhantomSettings {
     /// Reads a file of either kind.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file, line and key or element.
-    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+    /// [`Error`] naming file, line and key or element.
+    pub fn read(path: &Path) -> Result<Self, Error> {
         Self::parse(path, &sonoweave_core::keys::read_text(path, MAX_BYTES)?)
     }
 
     /// Reads a file's text; `path` is for messages only.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file, line and key or element.
-    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+    /// [`Error`] naming file, line and key or element.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         if kind_of(path, text)? == Kind::Plus {
             return plus(path, text);
@@ -79,11 +79,11 @@ impl PhantomSettings {
     }
 }
 
-fn plus(path: &Path, text: &str) -> Result<PhantomSettings, ConfigError> {
+fn plus(path: &Path, text: &str) -> Result<PhantomSettings, Error> {
     let document = document(path, text)?;
     let reader = Reader { path, document: &document };
     let Some(definition) = document.descendants().find(|n| is(n, "PhantomDefinition")) else {
-        return Err(ConfigError::Misplaced {
+        return Err(Error::Misplaced {
             path: path.to_owned(),
             what: "a PLUS file without PhantomDefinition",
             wanted: "the wires' positions are wanted here: give the configuration of the recording, or a sonoweave \
@@ -98,7 +98,7 @@ fn plus(path: &Path, text: &str) -> Result<PhantomSettings, ConfigError> {
         let wires = pattern.children().filter(|n| is(n, "Wire")).map(|wire| read_wire(&reader, &wire));
         patterns.push(wires.collect::<Result<Vec<_>, _>>()?);
     }
-    let landmark = |node: &Node<'_, '_>| -> Result<Landmark, ConfigError> {
+    let landmark = |node: &Node<'_, '_>| -> Result<Landmark, Error> {
         Ok(Landmark { name: reader.need(node, "Name")?.to_owned(), position_mm: point(&reader, node, "Position")? })
     };
     let landmarks = below("Landmark").iter().map(landmark).collect::<Result<Vec<_>, _>>()?;
@@ -116,12 +116,12 @@ fn plus(path: &Path, text: &str) -> Result<PhantomSettings, ConfigError> {
     Ok(PhantomSettings { geometry, registration, frames, clip })
 }
 
-fn point(reader: &Reader<'_>, node: &Node<'_, '_>, attribute: &str) -> Result<DVec3, ConfigError> {
+fn point(reader: &Reader<'_>, node: &Node<'_, '_>, attribute: &str) -> Result<DVec3, Error> {
     reader.need(node, attribute)?;
     Ok(DVec3::from_array(reader.numbers::<3>(node, attribute)?.unwrap_or_default()))
 }
 
-fn read_wire(reader: &Reader<'_>, node: &Node<'_, '_>) -> Result<Wire, ConfigError> {
+fn read_wire(reader: &Reader<'_>, node: &Node<'_, '_>) -> Result<Wire, Error> {
     let ends_mm = [point(reader, node, "EndPointFront")?, point(reader, node, "EndPointBack")?];
     Ok(Wire { name: reader.need(node, "Name")?.to_owned(), ends_mm })
 }
@@ -144,11 +144,7 @@ fn frame_names(root: Node<'_, '_>) -> FrameNames {
 }
 
 /// Returns the only transform between the phantom and the reference, in either direction.
-fn registration(
-    reader: &Reader<'_>,
-    root: Node<'_, '_>,
-    frames: &FrameNames,
-) -> Result<Option<Registration>, ConfigError> {
+fn registration(reader: &Reader<'_>, root: Node<'_, '_>, frames: &FrameNames) -> Result<Option<Registration>, Error> {
     let definitions = root.descendants().filter(|n| is(n, "CoordinateDefinitions") || is(n, "CalibrationResults"));
     for element in definitions.flat_map(|n| n.children()).filter(|n| is(n, "Transform")) {
         let transform = reader.transform(&element)?;

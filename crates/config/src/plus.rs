@@ -22,7 +22,7 @@ use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
 
 use super::xml_limits::check_limits;
-use super::{ConfigError, Settings, SourceKind};
+use super::{Error, Settings, SourceKind};
 
 /// Attributes that PLUS's algorithm needs and ours does not.
 const NOT_TAKEN: [&str; 12] = [
@@ -44,7 +44,7 @@ const NOT_TAKEN: [&str; 12] = [
 const DEFAULT_FAN_RADIUS: f64 = 500.0;
 
 /// Reads the text of a PLUS file; `path` is for messages.
-pub(super) fn parse(path: &Path, text: &str) -> Result<Settings, ConfigError> {
+pub(super) fn parse(path: &Path, text: &str) -> Result<Settings, Error> {
     let document = document(path, text)?;
     let reader = Reader { path, document: &document };
 
@@ -84,16 +84,16 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Settings, ConfigError> {
         }
         reader.volume_reconstruction(element, &mut settings)?;
     } else if definitions().next().is_none() {
-        return Err(ConfigError::NothingInside { path: path.to_owned() });
+        return Err(Error::NothingInside { path: path.to_owned() });
     }
     Ok(settings)
 }
 
 /// Parses the document within the limits.
-pub(super) fn document<'t>(path: &Path, text: &'t str) -> Result<Document<'t>, ConfigError> {
+pub(super) fn document<'t>(path: &Path, text: &'t str) -> Result<Document<'t>, Error> {
     check_limits(path, text)?;
     let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 20, ..ParsingOptions::default() };
-    Document::parse_with_options(text, options).map_err(|e| ConfigError::Xml {
+    Document::parse_with_options(text, options).map_err(|e| Error::Xml {
         path: path.to_owned(),
         line: e.pos().row,
         problem: e.to_string(),
@@ -117,8 +117,8 @@ impl Reader<'_> {
         self.document.text_pos_at(at).row
     }
 
-    pub(super) fn error(&self, element: &Node<'_, '_>, attribute: &str, problem: impl Into<String>) -> ConfigError {
-        ConfigError::Attribute {
+    pub(super) fn error(&self, element: &Node<'_, '_>, attribute: &str, problem: impl Into<String>) -> Error {
+        Error::Attribute {
             path: self.path.to_owned(),
             line: self.line(element, attribute),
             element: element.tag_name().name().to_owned(),
@@ -127,7 +127,7 @@ impl Reader<'_> {
         }
     }
 
-    pub(super) fn need<'n>(&self, element: &Node<'n, '_>, attribute: &str) -> Result<&'n str, ConfigError> {
+    pub(super) fn need<'n>(&self, element: &Node<'n, '_>, attribute: &str) -> Result<&'n str, Error> {
         element.attribute(attribute).ok_or_else(|| self.error(element, attribute, "is missing"))
     }
 
@@ -136,7 +136,7 @@ impl Reader<'_> {
         &self,
         element: &Node<'_, '_>,
         attribute: &str,
-    ) -> Result<Option<[f64; N]>, ConfigError> {
+    ) -> Result<Option<[f64; N]>, Error> {
         let Some(text) = element.attribute(attribute) else { return Ok(None) };
         numbers(text).map(Some).map_err(|problem| self.error(element, attribute, problem))
     }
@@ -147,7 +147,7 @@ impl Reader<'_> {
         &self,
         element: &Node<'_, '_>,
         names: [&'static str; 2],
-    ) -> Result<Option<(&'static str, [f64; N])>, ConfigError> {
+    ) -> Result<Option<(&'static str, [f64; N])>, Error> {
         for name in names {
             if let Some(numbers) = self.numbers(element, name)? {
                 return Ok(Some((name, numbers)));
@@ -156,14 +156,14 @@ impl Reader<'_> {
         Ok(None)
     }
 
-    pub(super) fn transform(&self, element: &Node<'_, '_>) -> Result<StaticTransform, ConfigError> {
+    pub(super) fn transform(&self, element: &Node<'_, '_>) -> Result<StaticTransform, Error> {
         let (from, to) = (self.need(element, "From")?, self.need(element, "To")?);
         self.need(element, "Matrix")?;
         let rows = self.numbers::<16>(element, "Matrix")?.unwrap_or_default();
         StaticTransform::new(from, to, &rows).map_err(|e| self.error(element, "Matrix", e.to_string()))
     }
 
-    fn volume_reconstruction(&self, element: &Node<'_, '_>, settings: &mut Settings) -> Result<(), ConfigError> {
+    fn volume_reconstruction(&self, element: &Node<'_, '_>, settings: &mut Settings) -> Result<(), Error> {
         settings.image_frame = element.attribute("ImageCoordinateFrame").map(str::to_owned);
         settings.world = element.attribute("ReferenceCoordinateFrame").map(str::to_owned);
         if let Some(spacing) = self.numbers::<3>(element, "OutputSpacing")? {
@@ -184,10 +184,10 @@ impl Reader<'_> {
         Ok(())
     }
 
-    pub(super) fn clip(&self, element: &Node<'_, '_>) -> Result<Option<ClipRect>, ConfigError> {
+    pub(super) fn clip(&self, element: &Node<'_, '_>) -> Result<Option<ClipRect>, Error> {
         const SIZE: &str = "ClipRectangleSize";
         const ORIGIN: &str = "ClipRectangleOrigin";
-        let whole = |name| -> Result<Option<[i64; 2]>, ConfigError> {
+        let whole = |name| -> Result<Option<[i64; 2]>, Error> {
             let Some(numbers) = self.numbers::<2>(element, name)? else { return Ok(None) };
             if numbers.iter().any(|x| x.fract() != 0.0 || x.abs() > 1e9) {
                 return Err(self.error(element, name, format!("must hold whole numbers of pixels, not {numbers:?}")));
@@ -208,7 +208,7 @@ impl Reader<'_> {
         ClipRect::new(x, y, width, height).map(Some).map_err(|e| self.error(element, SIZE, e.to_string()))
     }
 
-    fn fan(&self, element: &Node<'_, '_>, notes: &mut Vec<String>) -> Result<Option<Fan>, ConfigError> {
+    fn fan(&self, element: &Node<'_, '_>, notes: &mut Vec<String>) -> Result<Option<Fan>, Error> {
         let Some((angles_name, mut angles)) = self.either::<2>(element, ["FanAnglesDeg", "FanAngles"])? else {
             return Ok(None);
         };

@@ -155,8 +155,14 @@ fn command_line_calibration_replaces_file() {
     settings.set_image_to_probe("0.1 0 0 1, 0 0.1 0 2, 0 0 0.1 3, 0 0 0 1").unwrap();
     assert_eq!(settings.transforms.len(), 1);
     assert_eq!(settings.transforms[0].rows()[3], 1.0);
-    assert_eq!(settings.set_image_to_probe("1 2 3").unwrap_err(), "must hold 16 numbers, not 3");
-    assert!(settings.set_image_to_probe("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 NaN").unwrap_err().contains("not finite"));
+    assert_eq!(settings.set_image_to_probe("1 2 3").unwrap_err().to_string(), "must hold 16 numbers, not 3");
+    assert!(
+        settings
+            .set_image_to_probe("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 NaN")
+            .unwrap_err()
+            .to_string()
+            .contains("not finite")
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use reconstruct::kernel::{Method, Support, sigma_from_hwhm};
 use reconstruct::{Compounding, Decay, Settings};
 
-use super::Unfit;
+use super::Error;
 
 /// Default rate of decay, 1/s.
 pub const DECAY_RATE: f64 = 1.0;
@@ -70,12 +70,12 @@ impl Weighing {
     /// calibration's resolution, if it has one.
     ///
     /// # Errors
-    /// [`Unfit`] when settings contradict each other.
-    pub fn apply(&self, calibrated_hwhm_mm: Option<[f64; 3]>, settings: &mut Settings) -> Result<(), Unfit> {
+    /// [`Error::Setting`] when settings contradict each other.
+    pub fn apply(&self, calibrated_hwhm_mm: Option<[f64; 3]>, settings: &mut Settings) -> Result<(), Error> {
         settings.method = self.method;
         settings.support = self.support.map_or([None; 2], |ends| ends.map(Some));
         if self.support.is_some() && !self.method.takes_support() {
-            return Err(Unfit::new(
+            return Err(Error::setting(
                 "support",
                 format!(
                     "the kernel {} has a fixed support; leave it out, or choose the method gaussian",
@@ -84,7 +84,7 @@ impl Weighing {
             ));
         }
         if self.sigma_mm.is_some() && self.hwhm_mm.is_some() {
-            return Err(Unfit::new(
+            return Err(Error::setting(
                 "sigma",
                 "the kernel's width is given twice, as σ and as resolution; give one of them",
             ));
@@ -100,7 +100,7 @@ impl Weighing {
         Ok(())
     }
 
-    fn compounding(&self) -> Result<Compounding, Unfit> {
+    fn compounding(&self) -> Result<Compounding, Error> {
         if self.compound != CompoundName::Decay {
             let unused = [
                 (self.decay.is_some(), "decay"),
@@ -108,7 +108,7 @@ impl Weighing {
                 (self.decay_wait.is_some(), "decay_wait"),
             ];
             if let Some((_, setting)) = unused.iter().find(|(given, _)| *given) {
-                return Err(Unfit::new(setting, "needs the compounding decay; choose it, or leave this out"));
+                return Err(Error::setting(setting, "needs the compounding decay; choose it, or leave this out"));
             }
         }
         match self.compound {
@@ -119,7 +119,7 @@ impl Weighing {
         }
     }
 
-    fn decay(&self) -> Result<Compounding, Unfit> {
+    fn decay(&self) -> Result<Compounding, Error> {
         let rate_per_s = self.decay_rate.unwrap_or(DECAY_RATE);
         let wait_s = self.decay_wait.unwrap_or(DECAY_WAIT);
         let mode = self.decay.unwrap_or_default();
@@ -130,7 +130,7 @@ impl Weighing {
         };
         if unused.is_some() {
             let setting = if mode == DecayName::Exp { "decay_wait" } else { "decay_rate, decay_wait" };
-            return Err(Unfit::new(setting, "has no effect with this decay; leave it out, or choose dead-time"));
+            return Err(Error::setting(setting, "has no effect with this decay; leave it out, or choose dead-time"));
         }
         Ok(Compounding::Decay(match mode {
             DecayName::None => return Ok(Compounding::Mean),

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::ConfigError;
+use super::Error;
 
 /// Largest nesting depth of elements. PLUS files need about ten.
 const MAX_DEPTH: usize = 64;
@@ -15,9 +15,9 @@ const MAX_TAG_BYTES: usize = 64 << 10;
 
 /// Refuses texts that nest too deeply or hold a giant tag. Does not check whether the text is
 /// XML.
-pub(super) fn check_limits(path: &Path, text: &str) -> Result<(), ConfigError> {
+pub(super) fn check_limits(path: &Path, text: &str) -> Result<(), Error> {
     let bytes = text.as_bytes();
-    let refuse = |at: usize, problem: String| ConfigError::Xml {
+    let refuse = |at: usize, problem: String| Error::Xml {
         path: path.to_owned(),
         line: u32::try_from(1 + bytes[..at].iter().filter(|&&b| b == b'\n').count()).unwrap_or(u32::MAX),
         problem,

@@ -116,7 +116,7 @@ pub fn lead<G: Guide>(
     conduct: &Gathering,
     begin: impl FnOnce(&Bedside) -> Result<(G, Vec<DeviceRole>), Failure>,
 ) -> Result<Gathered, Failure> {
-    let bedside = Bedside::read(path)?;
+    let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     let (mut guide, instruments) = begin(&bedside)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);

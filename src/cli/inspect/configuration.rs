@@ -9,7 +9,7 @@ use calibration::arm::{JOINTS, Joint};
 use calibration::error::PresetError;
 use calibration::file::CalibrationFile;
 use calibration::file::preset::Preset;
-use config::{ConfigError, Settings, SourceKind};
+use config::{Error, Settings, SourceKind};
 use sonoweave_core::named::StaticTransform;
 
 use super::super::Failure;
@@ -59,7 +59,7 @@ impl ConfigurationReport {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         // If there are several presets, the first one is shown in full.
         let (settings, first) = match Settings::read(path, None) {
-            Err(ConfigError::Preset { problem: PresetError::Unnamed { known }, .. }) => {
+            Err(Error::Preset { problem: PresetError::Unnamed { known }, .. }) => {
                 let first = known.into_iter().next();
                 (Settings::read(path, first.as_deref())?, first)
             }

@@ -269,7 +269,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         }
         Err(_) => checked.wrong(match bedside.calibrated() {
             Ok(()) => no_way(bedside),
-            Err(missing) => missing.to_string(),
+            Err(missing) => Failure::configuration(missing).0,
         }),
     }
     if let Some(preset) = &calibration.preset {

@@ -107,7 +107,7 @@ pub(in crate::cli) fn session(
 ) -> Result<Option<PathBuf>, Failure> {
     conduct.check()?;
     outputs.check(bedside)?;
-    bedside.calibrated()?;
+    bedside.calibrated().map_err(Failure::configuration)?;
     let quit = until_told()?;
     let reload = Reload::new(bedside)?;
     let policy = policy(bedside)?;

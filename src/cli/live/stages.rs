@@ -80,7 +80,7 @@ impl Kept {
 /// # Errors
 /// [`Failure`] when the image is not calibrated.
 pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn ViewClient>>) -> Result<Session, Failure> {
-    bedside.calibrated()?;
+    bedside.calibrated().map_err(Failure::configuration)?;
     Ok(Session {
         pairing: bedside.pairing_options(),
         wait_ns: bedside.pairing.wait_ns,

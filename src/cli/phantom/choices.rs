@@ -19,12 +19,12 @@ pub(super) enum ScalarName {
 
 /// Parses a direction, of length 1.
 pub(super) fn direction(text: &str) -> Result<DVec3, String> {
-    values::point(text)?.try_normalize().ok_or_else(|| "must not be zero".into())
+    values::point(text).map_err(|e| e.to_string())?.try_normalize().ok_or_else(|| "must not be zero".into())
 }
 
 /// Parses cycles per mm along three axes.
 pub(super) fn frequency(text: &str) -> Result<DVec3, String> {
-    let frequency = values::point(text)?;
+    let frequency = values::point(text).map_err(|e| e.to_string())?;
     // This limit is finer than any pixel, and low enough for exact phases.
     if frequency.abs().max_element() <= 100.0 { Ok(frequency) } else { Err("must be at most 100 cycles per mm".into()) }
 }

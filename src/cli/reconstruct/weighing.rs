@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use config::weighing::{CompoundName, DecayName, Weighing as Said};
-use config::{Settings as Config, Unfit};
+use config::{Error, Settings as Config};
 use pipeline::OffPlane;
 use reconstruct::Settings;
 use reconstruct::kernel::{Method, Support};
@@ -88,9 +88,11 @@ impl Weighing {
             decay_rate: self.decay_rate,
             decay_wait: self.decay_wait,
         };
-        said.apply(config.hwhm_mm, settings).map_err(|unfit| match unfit.setting {
-            "support" => Failure::flag(Unfit { setting: "support, leakage", ..unfit }),
-            _ => Failure::flag(unfit),
+        said.apply(config.hwhm_mm, settings).map_err(|error| match error {
+            Error::Setting { setting: "support", problem } => {
+                Failure::flag(Error::Setting { setting: "support, leakage", problem })
+            }
+            other => Failure::flag(other),
         })?;
         Ok(if self.sigma == Some(None) { OffPlane::Auto } else { OffPlane::Settings })
     }

@@ -49,7 +49,7 @@ impl Wanted<'_> {
         let mut chain = Chain::read(session)?;
         let (_, precedent) = chain.last();
         let bedside = match config {
-            Some(path) => Bedside::read(path)?,
+            Some(path) => Bedside::read(path).map_err(Failure::configuration)?,
             None => Kept::bedside(session, precedent)?,
         };
         outputs.check(&bedside)?;

@@ -61,7 +61,7 @@ pub(super) fn run(wanted: &Wanted<'_>, address: SocketAddr, keep: Option<&Path>)
         return Err(Failure("--pictures: cannot be combined with --console; leave one of them out".into()));
     }
     let (_, bedside) = wanted.open()?;
-    bedside.calibrated()?;
+    bedside.calibrated().map_err(Failure::configuration)?;
     let reel = Reel::open(wanted.session)?;
     let beside = match wanted.session.parent() {
         Some(folder) if folder != Path::new("") => folder.to_owned(),

@@ -8,13 +8,12 @@ use drivers::arm::{self, ArmSettings};
 use drivers::grabber::GrabberSettings;
 use drivers::grabber::pixels::Colour;
 use drivers::tracker::polhemus::{self, Model, Port, TrackerSettings};
-use sonoweave_core::keys::FileError;
 use sync::graph::Names;
 
 use super::reader::Reader;
 use super::remote::{self, Remote};
 use super::schema::{self, values::TextOr};
-use crate::values;
+use crate::{Error, values};
 
 pub use super::schema::devices::ArmKind;
 
@@ -125,7 +124,7 @@ impl Tracker {
         OpenSettings::Tracker(TrackerSettings { model: self.model, port, settings, keeps_raw })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
         let given: schema::devices::Tracker = keys.read()?;
         let model = keys.need("model", given.model)?.0;
         let (port, baud) = (keys.need("port", given.port)?, given.baud);
@@ -223,7 +222,7 @@ impl Arm {
         OpenSettings::Arm(ArmSettings { model, settings: self.settings.clone(), keeps_raw })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
         use arm::ea1::Speech::{Blocks, Lines};
         let given: schema::devices::Arm = keys.read()?;
         let mut kind = keys.need("kind", given.kind)?.0;
@@ -267,7 +266,7 @@ impl Arm {
 }
 
 /// Checks the paths of an arm's lines; `virtual` must be the only one.
-fn check_paths(keys: &Reader<'_, '_>, all: &[String], lines: usize) -> Result<(), FileError> {
+fn check_paths(keys: &Reader<'_, '_>, all: &[String], lines: usize) -> Result<(), Error> {
     if all == [VIRTUAL] {
         return Ok(());
     }
@@ -314,7 +313,7 @@ impl Grabber {
         remote::pictures(&self.settings).unwrap_or_else(|| OpenSettings::Grabber(self.settings.clone()))
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
         let given: schema::devices::Grabber = keys.read()?;
         let device = keys.need("device", given.device.filter(|device| !device.is_empty()))?;
         let is_virtual = device == VIRTUAL;
@@ -345,7 +344,7 @@ impl Grabber {
 }
 
 /// Converts a driver's complaint about settings to an error at the right key.
-pub(super) fn misuse(keys: &Reader<'_, '_>, error: &drivers::Error) -> FileError {
+pub(super) fn misuse(keys: &Reader<'_, '_>, error: &drivers::Error) -> Error {
     match error {
         drivers::Error::Setting { setting, problem, .. } => match *setting {
             "stations" => keys.error("probe_station", problem),

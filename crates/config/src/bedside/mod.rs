@@ -42,7 +42,7 @@ use sonoweave_core::region::{ClipRect, Fan};
 use sync::PairingOptions;
 
 use super::texts::{ByPath, Texts};
-use super::{ConfigError, Kind, MAX_BYTES, Settings, SourceKind, kind_of};
+use super::{Error, Kind, MAX_BYTES, Settings, SourceKind, kind_of};
 
 pub use change::{Change, Changes};
 pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
@@ -100,9 +100,9 @@ impl Bedside {
     /// Reads a session configuration file or a PLUS device set.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file, line and key or element, of this file or of the calibration
+    /// [`Error`] naming file, line and key or element, of this file or of the calibration
     /// file that it names.
-    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+    pub fn read(path: &Path) -> Result<Self, Error> {
         Self::read_from(path, Texts::on_disk())
     }
 
@@ -110,12 +110,12 @@ impl Bedside {
     /// [`Self::texts`].
     ///
     /// # Errors
-    /// [`ConfigError`], as for [`Self::read`]; also for a file whose text is missing.
-    pub fn of_texts(path: &Path, texts: ByPath) -> Result<Self, ConfigError> {
+    /// [`Error`], as for [`Self::read`]; also for a file whose text is missing.
+    pub fn of_texts(path: &Path, texts: ByPath) -> Result<Self, Error> {
         Self::read_from(path, Texts::kept(texts))
     }
 
-    fn read_from(path: &Path, texts: Texts) -> Result<Self, ConfigError> {
+    fn read_from(path: &Path, texts: Texts) -> Result<Self, Error> {
         let text = texts.text(path, MAX_BYTES)?;
         let bedside = Self::parse_with(path, &text, &texts)?;
         Ok(Self { texts: texts.into_read(), ..bedside })
@@ -124,8 +124,8 @@ impl Bedside {
     /// Reads a file's text; `path` is for messages, and its folder for the files that it names.
     ///
     /// # Errors
-    /// [`ConfigError`], as for [`Self::read`].
-    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+    /// [`Error`], as for [`Self::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, Error> {
         let texts = Texts::on_disk();
         let bedside = Self::parse_with(path, text, &texts)?;
         let mut texts = texts.into_read();
@@ -133,25 +133,24 @@ impl Bedside {
         Ok(Self { texts, ..bedside })
     }
 
-    fn parse_with(path: &Path, text: &str, texts: &Texts) -> Result<Self, ConfigError> {
+    fn parse_with(path: &Path, text: &str, texts: &Texts) -> Result<Self, Error> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         match kind_of(path, text)? {
             Kind::Plus => plus::parse(path, text),
             // For another kind, the parser's error names the found and the expected format.
             Kind::Bedside | Kind::Other => Self::parse_own(path, text, texts),
-            Kind::Calibration => Err(ConfigError::Misplaced {
+            Kind::Calibration => Err(Error::Misplaced {
                 path: path.to_owned(),
                 what: "a calibration file, which names no devices",
                 wanted: format!(
-                    "a session configuration is wanted here: give one with file = \"{}\" in [calibration]; `sonoweave \
-                    live --example fastrak` prints an example",
+                    "a session configuration is wanted here: give one with file = \"{}\" in [calibration]",
                     path.file_name().map_or("…".into(), |name| name.to_string_lossy())
                 ),
             }),
         }
     }
 
-    fn parse_own(path: &Path, text: &str, texts: &Texts) -> Result<Self, ConfigError> {
+    fn parse_own(path: &Path, text: &str, texts: &Texts) -> Result<Self, Error> {
         let source = Source { path, text };
         let parsed = source.parse()?;
         let headings = schema::SECTIONS.iter().map(|section| section.name).filter(|name| !name.contains('.'));
@@ -168,7 +167,7 @@ impl Bedside {
         Self::of_root(path, &root, texts)
     }
 
-    fn of_root(path: &Path, root: &Table<'_>, texts: &Texts) -> Result<Self, ConfigError> {
+    fn of_root(path: &Path, root: &Table<'_>, texts: &Texts) -> Result<Self, Error> {
         let mut effective = Effective::new();
         let mut notes = Vec::new();
         let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
@@ -235,7 +234,7 @@ impl Bedside {
             (Some(rehearsal), Tracking::Arm(arm)) if arm.ports.is_none() => {
                 let hand = Arc::new(phantom::Bedside::new(Scan::clone(&rehearsal.scan), 0));
                 let carried = VirtualBedside::carried(hand, arm.twin_counts_per_turn());
-                let carried = carried.map_err(|unfit| whole_file(path, "virtual", &unfit.problem))?;
+                let carried = carried.map_err(|unfit| whole_file(path, "virtual", &unfit.to_string()))?;
                 if told.is_some() {
                     return Err(whole_file(
                         path,
@@ -288,15 +287,10 @@ impl Bedside {
     /// Calibration commands run without it.
     ///
     /// # Errors
-    /// [`ConfigError`] when it is missing.
-    pub fn calibrated(&self) -> Result<(), ConfigError> {
+    /// [`Error::Uncalibrated`] when it is missing.
+    pub fn calibrated(&self) -> Result<(), Error> {
         if self.calibration.transforms.is_empty() {
-            return Err(whole_file(
-                &self.path,
-                "calibration",
-                "is missing: give file = \"…\" with a calibration file or a PLUS XML, or give image_to_probe; \
-                `sonoweave calibrate probe --live` measures it",
-            ));
+            return Err(Error::Uncalibrated { path: self.path.clone() });
         }
         Ok(())
     }
@@ -328,7 +322,7 @@ fn other_lag(calibrated: &Latency, tracking: &Tracking, grabber: &Grabber) -> Op
 type Told = (Option<Settings>, Option<Clip>, Option<Fan>);
 
 /// Reads the section's calibration, and its overrides of the calibration's clip and fan.
-fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, ConfigError> {
+fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Error> {
     let given: schema::session::Calibration = keys.read()?;
     let (file, preset) = (keys.path_if(given.file), given.preset);
     let clip = given.clip_px.map(|clip| match clip {
@@ -343,8 +337,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
     let settings = match (file, given.image_to_probe) {
         (Some(_), Some(_)) => {
             return Err(keys
-                .error("image_to_probe", "file is there too and also gives the image's position; delete one of them")
-                .into());
+                .error("image_to_probe", "file is there too and also gives the image's position; delete one of them"));
         }
         (Some(file), None) => {
             let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
@@ -355,7 +348,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
             Some(settings)
         }
         _ if preset.is_some() => {
-            return Err(keys.error("preset", "applies to a calibration file only; give file, too").into());
+            return Err(keys.error("preset", "applies to a calibration file only; give file, too"));
         }
         (None, Some(rows)) => {
             let transform = StaticTransform::new("Image", devices::PROBE_FRAME, &rows);
@@ -390,7 +383,7 @@ fn check_version(root: &Table<'_>) -> Result<(), FileError> {
     }
 }
 
-fn whole_file(path: &Path, key: &str, problem: &str) -> ConfigError {
+fn whole_file(path: &Path, key: &str, problem: &str) -> Error {
     FileError::Key { path: path.to_owned(), line: 1, key: format!("[{key}]"), problem: problem.into() }.into()
 }
 

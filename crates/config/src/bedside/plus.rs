@@ -30,7 +30,7 @@ use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
 use super::{Bedside, FORMAT, VERSION};
 use crate::plus::{Reader, document, is};
 use crate::texts::Texts;
-use crate::{ConfigError, Kind, Settings};
+use crate::{Error, Kind, Settings};
 
 /// Attributes that every device has for PLUS's own use.
 const OWN: [&str; 6] = ["Id", "Type", "Name", "LocalTimeOffsetSec", "ToolReferenceFrame", "Description"];
@@ -47,7 +47,7 @@ struct Found {
 }
 
 /// Makes a session configuration from a device set's text.
-pub(super) fn parse(path: &Path, text: &str) -> Result<Bedside, ConfigError> {
+pub(super) fn parse(path: &Path, text: &str) -> Result<Bedside, Error> {
     let mut calibration = crate::plus::parse(path, text)?;
     let document = document(path, text)?;
     let reader = Reader { path, document: &document };
@@ -68,12 +68,11 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Bedside, ConfigError> {
     if let Some(lacking) = lacking {
         let seen = if seen.is_empty() { "it names no device".into() } else { format!("it names {}", seen.join(", ")) };
         let file = path.file_name().map_or("…".into(), |name| name.to_string_lossy());
-        return Err(ConfigError::DeviceSet {
+        return Err(Error::DeviceSet {
             path: path.to_owned(),
             problem: format!(
                 "the device set lacks {lacking} with a driver in this program: {seen}. To use its transforms, write a \
-                session configuration with file = \"{file}\" in [calibration]; `sonoweave live --example fastrak` \
-                prints an example"
+                session configuration with file = \"{file}\" in [calibration]"
             ),
         });
     }
@@ -91,7 +90,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Bedside, ConfigError> {
         rename(&mut calibration.transforms, &frame);
     }
     if let Some(crop) = found.crop {
-        uncrop(&mut calibration, crop).map_err(|problem| ConfigError::DeviceSet { path: path.to_owned(), problem })?;
+        uncrop(&mut calibration, crop).map_err(|problem| Error::DeviceSet { path: path.to_owned(), problem })?;
     }
     let others = document.root_element().children().filter(Node::is_element).map(|n| n.tag_name().name());
     let others: Vec<&str> = others
@@ -121,7 +120,7 @@ fn called(device: &Node<'_, '_>) -> String {
 }
 
 impl Found {
-    fn device(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>) -> Result<(), ConfigError> {
+    fn device(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>) -> Result<(), Error> {
         let kind = device.attribute("Type").unwrap_or_default();
         let lower = kind.to_ascii_lowercase();
         let model = Model::ALL.into_iter().find(|model| lower.contains(model.name()));
@@ -135,7 +134,7 @@ impl Found {
             }
             ("VirtualMixer", _) => Ok(()),
             ("VirtualCapture", _) => {
-                self.notes.push(format!("{}: not taken over; give --record to record a session", called(device)));
+                self.notes.push(format!("{}: not taken over; this program has its own recording", called(device)));
                 Ok(())
             }
             _ => {
@@ -145,7 +144,7 @@ impl Found {
         }
     }
 
-    fn grabber(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>) -> Result<(), ConfigError> {
+    fn grabber(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>) -> Result<(), Error> {
         let Some(node) = device.attribute("DeviceName") else {
             return Err(reader.error(device, "DeviceName", "is missing: give the video device"));
         };
@@ -197,7 +196,7 @@ impl Found {
         Ok(())
     }
 
-    fn tracker(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>, model: Model) -> Result<(), ConfigError> {
+    fn tracker(&mut self, reader: &Reader<'_>, device: &Node<'_, '_>, model: Model) -> Result<(), Error> {
         let mut text = format!("[tracker]\nmodel = \"{}\"\n", model.name());
         let serial = device.attribute("SerialPort").filter(|port| port.starts_with('/'));
         match serial {
@@ -254,7 +253,7 @@ fn sources<'n, 'i>(device: &Node<'n, 'i>) -> impl Iterator<Item = Node<'n, 'i>> 
 }
 
 /// Converts the time offset. PLUS adds it to a device's times; a latency is subtracted.
-fn latency(reader: &Reader<'_>, device: &Node<'_, '_>, text: &mut String) -> Result<(), ConfigError> {
+fn latency(reader: &Reader<'_>, device: &Node<'_, '_>, text: &mut String) -> Result<(), Error> {
     let Some([offset_s]) = reader.numbers::<1>(device, "LocalTimeOffsetSec")? else { return Ok(()) };
     if offset_s.abs() > 1.0 {
         return Err(reader.error(
@@ -365,7 +364,7 @@ mod tests {
             "TrackerDevice (PolhemusLiberty): not taken over: AcquisitionRate=\"60\"",
             "TrackerDevice (PolhemusLiberty): tool Needle is not taken over",
             "the program looks for it on USB",
-            "Cap (VirtualCapture): not taken over; give --record to record a session",
+            "Cap (VirtualCapture): not taken over; this program has its own recording",
             "Arm (Stepper): not taken over, because there is no driver for it",
             "not taken over: PlusOpenIGTLinkServer, fCal",
         ] {

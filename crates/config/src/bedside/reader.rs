@@ -11,7 +11,7 @@ use sonoweave_core::keys::{Entry, FileError, Table};
 
 use super::schema::values::{LatencyMs, Notation, RelativePath, ns};
 use super::schema::{self, Section};
-use crate::Unfit;
+use crate::Error;
 
 /// Effective values by dotted key, given or not; `null` if nothing was given and something else
 /// decides.
@@ -33,7 +33,7 @@ impl<'a, 'e> Reader<'a, 'e> {
         parent: Option<&Table<'a>>,
         name: &'static str,
         effective: &'e mut Effective,
-    ) -> Result<Self, FileError> {
+    ) -> Result<Self, Error> {
         let Some(section) = schema::section(name) else { unreachable!("{name} is in the schema") };
         let heading = name.rsplit('.').next().unwrap_or(name);
         let entry = parent.and_then(|parent| parent.get(heading));
@@ -42,7 +42,7 @@ impl<'a, 'e> Reader<'a, 'e> {
     }
 
     /// Reads the section, and notes its values. Keys that are not given have their defaults.
-    pub(super) fn read<T: Default + Serialize + Deserialize<'a>>(&mut self) -> Result<T, FileError> {
+    pub(super) fn read<T: Default + Serialize + Deserialize<'a>>(&mut self) -> Result<T, Error> {
         for key in &self.section.keys {
             self.entry(&key.name).map(|entry| schema::check(&entry, &key.schema)).transpose()?;
         }
@@ -83,14 +83,14 @@ impl<'a, 'e> Reader<'a, 'e> {
 
     /// Makes an error at a key of the section, or at an item such as `key[1]`. Its line is the
     /// section's if the key is not given.
-    pub(super) fn error(&self, key: &str, problem: impl Into<String>) -> FileError {
+    pub(super) fn error(&self, key: &str, problem: impl Into<String>) -> Error {
         let given = self.entry(key.split('[').next().unwrap_or(key));
         let line = given.map_or_else(|| self.line(), |entry| entry.line());
         self.error_at(line, format!("{}.{key}", self.section.name), problem.into())
     }
 
-    fn error_at(&self, line: usize, key: String, problem: String) -> FileError {
-        FileError::Key { path: self.path.to_owned(), line, key, problem }
+    fn error_at(&self, line: usize, key: String, problem: String) -> Error {
+        FileError::Key { path: self.path.to_owned(), line, key, problem }.into()
     }
 
     /// Returns the section's first line.
@@ -99,19 +99,20 @@ impl<'a, 'e> Reader<'a, 'e> {
     }
 
     /// Returns the value of a key without default.
-    pub(super) fn need<T>(&self, key: &str, given: Option<T>) -> Result<T, FileError> {
+    pub(super) fn need<T>(&self, key: &str, given: Option<T>) -> Result<T, Error> {
         let takes = || self.section.key(key).map_or("", |key| &key.takes);
         given.ok_or_else(|| self.error(key, format!("is missing: give {}", takes())))
     }
 
     /// Makes an error from settings whose keys have other names here.
-    pub(super) fn unfit(&self, unfit: Unfit, key_of: fn(&'static str) -> &'static str) -> FileError {
-        let settings = || unfit.setting.split(", ").filter(|setting| !setting.is_empty()).map(key_of);
+    pub(super) fn unfit(&self, error: Error, key_of: fn(&'static str) -> &'static str) -> Error {
+        let Error::Setting { setting, problem } = error else { return error };
+        let settings = || setting.split(", ").filter(|setting| !setting.is_empty()).map(key_of);
         // If several keys could be meant, the error names a given one.
         if let Some(key) = settings().find(|key| self.entry(key).is_some()).or(settings().next()) {
-            return self.error(key, unfit.problem);
+            return self.error(key, problem);
         }
-        self.error_at(self.line(), format!("[{}]", self.section.name), unfit.problem)
+        self.error_at(self.line(), format!("[{}]", self.section.name), problem)
     }
 
     /// Notes an effective value that is not as the file contains it.
@@ -126,11 +127,11 @@ impl<'a, 'e> Reader<'a, 'e> {
         key: &str,
         given: Notation,
         by: &str,
-        parse: fn(&str) -> Result<T, String>,
-    ) -> Result<T, FileError> {
+        parse: fn(&str) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         let text = given.joined(by);
         self.note(key, &text);
-        parse(&text).map_err(|problem| self.error(key, problem))
+        parse(&text).map_err(|error| self.error(key, error.to_string()))
     }
 
     /// Parses a value whose numbers are joined by commas, if it is given.
@@ -138,8 +139,8 @@ impl<'a, 'e> Reader<'a, 'e> {
         &mut self,
         key: &str,
         given: Option<Notation>,
-        parse: fn(&str) -> Result<T, String>,
-    ) -> Result<Option<T>, FileError> {
+        parse: fn(&str) -> Result<T, Error>,
+    ) -> Result<Option<T>, Error> {
         given.map(|given| self.parsed(key, given, ",", parse)).transpose()
     }
 

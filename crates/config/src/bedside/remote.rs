@@ -3,11 +3,11 @@
 use drivers::OpenSettings;
 use drivers::grabber::GrabberSettings;
 use drivers::openigtlink::{RemotePictures, RemoteSettings, RemoteTransforms};
-use sonoweave_core::keys::FileError;
 
 use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, misuse};
 use super::reader::Reader;
 use super::schema;
+use crate::Error;
 
 /// Prefix of the address of an image server, in place of a grabber's name.
 pub(super) const PREFIX: &str = "openigtlink:";
@@ -34,7 +34,7 @@ impl Remote {
         OpenSettings::Remote(RemoteSettings { address: self.address.clone(), pictures: None, transforms })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
         let given: schema::devices::Remote = keys.read()?;
         let address = keys.need("address", given.address)?;
         let mut transforms = vec![(given.probe, PROBE_FRAME)];

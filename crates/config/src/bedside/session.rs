@@ -4,11 +4,10 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use calibration::file::preset::{Preset, Ruler};
-use sonoweave_core::keys::FileError;
 
 use super::reader::Reader;
 use super::schema::{self, values::ns};
-use crate::values;
+use crate::{Error, values};
 
 pub use super::schema::session::Realtime;
 
@@ -22,7 +21,7 @@ pub struct Pairing {
 }
 
 impl Pairing {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
         let schema::session::Pairing { wait_ms, longest_gap_ms } = keys.read()?;
         Ok(Self { wait_ns: ns(wait_ms), longest_gap_ns: ns(longest_gap_ms) })
     }
@@ -36,7 +35,7 @@ pub struct Scanner {
 }
 
 impl Scanner {
-    pub(super) fn read(mut keys: Reader<'_, '_>, preset: Option<&Preset>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, preset: Option<&Preset>) -> Result<Self, Error> {
         let schema::session::Scanner { frozen_s, ruler } = keys.read()?;
         let ruler = ruler.and_then(|ruler| Ruler::new(ruler.px, ruler.mm));
         keys.note("ruler", &ruler.map(|Ruler { px, mm }| [px, mm]));
@@ -59,7 +58,7 @@ pub struct Record {
 }
 
 impl Record {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
         let schema::session::Record { folder, full_frame, keep_free_mb } = keys.read()?;
         Ok(Self { folder: keys.path_if(folder), full_frame, keep_free_bytes: u64::from(keep_free_mb) * 1_000_000 })
     }
@@ -89,10 +88,10 @@ pub struct Access {
 }
 
 impl Status {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
         let given: schema::session::Status = keys.read()?;
         let listen = given.listen.map(|listen| values::address(&listen)).transpose();
-        let listen = listen.map_err(|why| keys.error("listen", why))?;
+        let listen = listen.map_err(|why| keys.error("listen", why.to_string()))?;
         let [certificate, key, token_file] =
             [given.certificate, given.key, given.token_file].map(|told| keys.path_if(told));
         let names = given.names.iter().enumerate();
@@ -129,7 +128,7 @@ pub struct Process {
 }
 
 impl Process {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
         let schema::session::Process { realtime } = keys.read()?;
         Ok(Self { realtime: realtime.0 })
     }

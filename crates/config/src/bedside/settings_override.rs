@@ -15,7 +15,7 @@ use serde_json::Value;
 use sonoweave_core::keys::{FileError, read_text};
 
 use super::{Bedside, MAX_BYTES, schema};
-use crate::{ConfigError, Kind};
+use crate::{Error, Kind};
 
 /// Values by dotted key; `null` resets a key to its default.
 pub type SettingsOverride = BTreeMap<String, Value>;
@@ -84,21 +84,21 @@ impl Bedside {
     /// Returns this configuration with overrides; files that they name are in this folder.
     ///
     /// # Errors
-    /// A sentence: a key that cannot be overridden, an invalid value, or a missing file. Also
-    /// for a PLUS device set, which has no such keys.
-    pub fn tried(&self, trial: &SettingsOverride, folder: &Path) -> Result<Self, String> {
+    /// [`Error`]: a key that cannot be overridden, an invalid value, or a missing file. Also for a
+    /// PLUS device set, which has no such keys.
+    pub fn tried(&self, trial: &SettingsOverride, folder: &Path) -> Result<Self, Error> {
         if self.kind != Kind::Bedside {
-            return Err("the session was configured by a PLUS device set, which has no such keys; replay it with \
-                --config and a session configuration"
-                .into());
+            let problem = "is a PLUS device set, which has no such keys; replay with a session configuration".into();
+            return Err(Error::DeviceSet { path: self.path.clone(), problem });
         }
         if let Some(key) = trial.keys().find(|key| !is_tried(key)) {
-            return Err(format!("{key}: cannot be changed for a recorded session"));
+            return Err(refused(key, "cannot be changed for a recorded session"));
         }
         let text = self.texts.get(&self.path).map_or("", String::as_str);
         let mut texts = self.texts.clone();
-        let first = Self::of_texts(&self.path, texts.clone()).map_err(|error| sentence(&error))?;
-        let mut root: toml::Table = toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| e.to_string())?;
+        let first = Self::of_texts(&self.path, texts.clone()).map_err(unplaced)?;
+        let mut root: toml::Table =
+            toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| Error::Value(e.to_string()))?;
         // Changes that the session adopted while it ran are kept, unless overridden.
         let adopted = first.changes(self).at_once.into_iter().filter(|change| !trial.contains_key(&change.key));
         for change in adopted {
@@ -123,57 +123,61 @@ impl Bedside {
                 None => set(&mut root, key, value)?,
             }
         }
-        let text = toml::to_string(&root).map_err(|error| error.to_string())?;
+        let text = toml::to_string(&root).map_err(|error| Error::Value(error.to_string()))?;
         texts.insert(self.path.clone(), text);
-        let bedside = Self::of_texts(&self.path, texts).map_err(|error| sentence(&error))?;
-        bedside.calibrated().map_err(|error| sentence(&error))?;
+        let bedside = Self::of_texts(&self.path, texts).map_err(unplaced)?;
+        bedside.calibrated().map_err(unplaced)?;
         Ok(bedside)
     }
 
     /// Returns the file that a value names, with its text; `None` if it names none, or the
     /// present one.
-    fn named(&self, key: &str, value: &Value, folder: &Path) -> Result<Option<(PathBuf, String)>, String> {
+    fn named(&self, key: &str, value: &Value, folder: &Path) -> Result<Option<(PathBuf, String)>, Error> {
         let Some(name) = value.as_str().filter(|name| self.effective.get(key).is_none_or(|held| held != *name)) else {
             return Ok(None);
         };
         if !files(folder, key).iter().any(|known| known == name) {
             let is_file = key == "calibration.file" || name.contains(['/', '\\', '.']);
             return if is_file {
-                Err(format!("{key}: there is no file {name:?} in the session's folder"))
+                Err(refused(key, format!("there is no file {name:?} in the session's folder")))
             } else {
                 Ok(None)
             };
         }
-        let path = std::path::absolute(folder.join(name)).map_err(|error| format!("{key}: {error}"))?;
-        let text = read_text(&path, MAX_BYTES).map_err(|error| format!("{key}: {error}"))?;
+        let path = std::path::absolute(folder.join(name)).map_err(|error| refused(key, error.to_string()))?;
+        let text = read_text(&path, MAX_BYTES).map_err(|error| refused(key, error.to_string()))?;
         Ok(Some((path, text)))
     }
 }
 
 /// Sets a key, or removes it.
-fn set(root: &mut toml::Table, dotted: &str, value: &Value) -> Result<(), String> {
+fn set(root: &mut toml::Table, dotted: &str, value: &Value) -> Result<(), Error> {
     let Some((heading, name)) = dotted.rsplit_once('.') else {
-        return Err(format!("{dotted}: has no section; give SECTION.KEY"));
+        return Err(refused(dotted, "has no section; give SECTION.KEY"));
     };
     let mut table = root;
     for part in heading.split('.') {
         let inner = table.entry(part).or_insert_with(|| toml::Table::new().into());
-        table = inner.as_table_mut().ok_or_else(|| format!("{part}: is not a section"))?;
+        table = inner.as_table_mut().ok_or_else(|| refused(part, "is not a section"))?;
     }
     if value.is_null() {
         table.remove(name);
         return Ok(());
     }
-    let value = toml::Value::try_from(value).map_err(|error| format!("{dotted}: {error}"))?;
+    let value = toml::Value::try_from(value).map_err(|error| refused(dotted, error.to_string()))?;
     table.insert(name.to_owned(), value);
     Ok(())
 }
 
-/// Formats the problem without a line number: the user has not seen the text.
-fn sentence(error: &ConfigError) -> String {
+fn refused(key: &str, problem: impl Into<String>) -> Error {
+    Error::Override { key: key.to_owned(), problem: problem.into() }
+}
+
+/// Removes the line number: the user has not seen the text.
+fn unplaced(error: Error) -> Error {
     match error {
-        ConfigError::File(FileError::Key { key, problem, .. }) => format!("{key}: {problem}"),
-        other => other.to_string(),
+        Error::File(FileError::Key { key, problem, .. }) => Error::Override { key, problem },
+        other => other,
     }
 }
 
@@ -236,10 +240,11 @@ mod tests {
         };
         assert_eq!(files(&bedside), ["probe.toml"]);
         for name in ["outside.toml", "../outside.toml", "patient.txt", "/etc/passwd", "", "inside"] {
-            let why = file(name).unwrap_err();
+            let why = file(name).unwrap_err().to_string();
             assert_eq!(why, format!("calibration.file: there is no file {name:?} in the session's folder"));
         }
-        let why = bedside.tried(&trial(&[("picture.transfer", json!("../outside.toml"))]), &inside).unwrap_err();
+        let why =
+            bedside.tried(&trial(&[("picture.transfer", json!("../outside.toml"))]), &inside).unwrap_err().to_string();
         assert!(why.contains("in the session's folder"), "{why}");
     }
 
@@ -249,7 +254,7 @@ mod tests {
         for key in
             ["tracker.port", "volume.max_memory_gib", "record.folder", "status.listen", "volume", "volume.nothing", ""]
         {
-            let why = bedside.tried(&trial(&[(key, json!(1))]), folder.path()).unwrap_err();
+            let why = bedside.tried(&trial(&[(key, json!(1))]), folder.path()).unwrap_err().to_string();
             assert_eq!(why, format!("{key}: cannot be changed for a recorded session"));
         }
         for (key, value) in [
@@ -258,7 +263,7 @@ mod tests {
             ("volume.method", json!("cubic")),
             ("grabber.latency_ms", json!("x")),
         ] {
-            let why = bedside.tried(&trial(&[(key, value)]), folder.path()).unwrap_err();
+            let why = bedside.tried(&trial(&[(key, value)]), folder.path()).unwrap_err().to_string();
             assert!(why.starts_with(key), "{why}");
         }
         assert!(bedside.settings(folder.path()).iter().all(|setting| is_tried(&setting.key)));

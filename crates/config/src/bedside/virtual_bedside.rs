@@ -8,13 +8,13 @@ use phantom::bedside::arm::{BedsideArm, standard_arm};
 use phantom::named::{MotionOptions, SceneOptions, TrajectoryName};
 use phantom::scan::Depth;
 use phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
-use sonoweave_core::keys::{FileError, Table};
+use sonoweave_core::keys::Table;
 
 use super::devices::Grabber;
 use super::reader::Reader;
 use super::schema;
 use super::schema::values::{Name, ns};
-use crate::Unfit;
+use crate::Error;
 
 /// Default image size of a virtual grabber, pixels.
 const IMAGE_SIZE: [u32; 2] = [640, 480];
@@ -50,10 +50,10 @@ impl VirtualBedside {
     /// Returns the arm that carries the hand's probe, with encoders of `counts_per_turn`.
     ///
     /// # Errors
-    /// [`Unfit`] for a motion that no arm, or not this one, can follow.
-    pub fn carried(hand: Arc<phantom::Bedside>, counts_per_turn: u32) -> Result<BedsideArm, Unfit> {
-        let arm = standard_arm(counts_per_turn.into()).map_err(|e| Unfit::whole(e.to_string()))?;
-        BedsideArm::new(hand, arm).map_err(|e| Unfit::whole(e.to_string()))
+    /// [`Error::Setting`] for a motion that no arm, or not this one, can follow.
+    pub fn carried(hand: Arc<phantom::Bedside>, counts_per_turn: u32) -> Result<BedsideArm, Error> {
+        let arm = standard_arm(counts_per_turn.into()).map_err(|e| Error::setting("", e.to_string()))?;
+        BedsideArm::new(hand, arm).map_err(|e| Error::setting("", e.to_string()))
     }
 
     /// Reads it without its faults, which are in the returned table's subsections.
@@ -61,7 +61,7 @@ impl VirtualBedside {
         mut keys: Reader<'a, '_>,
         usual: TrajectoryName,
         grabber: &Grabber,
-    ) -> Result<(ScannedHand, Option<Table<'a>>), FileError> {
+    ) -> Result<(ScannedHand, Option<Table<'a>>), Error> {
         let given: schema::virtual_bedside::Virtual = keys.read()?;
         let (scene, trajectory) = (given.scene.0, given.trajectory.unwrap_or(Name(usual)));
         keys.note("trajectory", &trajectory);
@@ -75,7 +75,7 @@ impl VirtualBedside {
         let scanner = shown.scanned().map(|scanned| scanned.scanner);
         let gap_mm = given.gap_mm.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
         let noise_sd = given.noise_sd.unwrap_or_else(|| shown.usual_noise_sd());
-        let unfit = |e: PhantomError| keys.unfit(Unfit::whole(e.to_string()), |setting| setting);
+        let unfit = |e: PhantomError| keys.unfit(Error::setting("", e.to_string()), |setting| setting);
         let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
         let scan = Scan::new(ScanSettings {
             motion: trajectory.motion(&MotionOptions::default(), &scene),
@@ -116,7 +116,7 @@ impl ScannedHand {
 }
 
 /// Reads the faults of a line.
-pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, Error> {
     let schema::virtual_bedside::Line { latency_ms, jitter_ms, packet_ms, drift_ppm, drop, noise, dropout } =
         keys.read()?;
     let [latency_ns, jitter_ns, packet_ns] = [latency_ms, jitter_ms, packet_ms].map(ns);
@@ -124,7 +124,7 @@ pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
 }
 
 /// Reads the faults of a grabber.
-pub(super) fn of_grabber(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+pub(super) fn of_grabber(mut keys: Reader<'_, '_>) -> Result<Faults, Error> {
     let schema::virtual_bedside::Grabber { latency_ms, jitter_ms, drift_ppm, dropout } = keys.read()?;
     let [latency_ns, jitter_ns] = [latency_ms, jitter_ms].map(ns);
     Ok(Faults { latency_ns, jitter_ns, drift_ppm, dropout, ..Faults::default() })

@@ -10,14 +10,13 @@ use reconstruct::settings::Settings;
 use render::classify::light::{DepthCue, Light};
 use render::classify::transfer::Transfer;
 use render::{Cache, RenderSettings};
-use sonoweave_core::keys::FileError;
 
 use super::reader::Reader;
 use super::schema;
 use crate::look::{Draw, Look};
 use crate::texts::Texts;
 use crate::weighing::Weighing;
-use crate::{MAX_BYTES, Settings as Calibration, Unfit, values};
+use crate::{Error, MAX_BYTES, Settings as Calibration, values};
 
 /// Voxel spacing when neither the session configuration nor the calibration has one, mm.
 pub const SPACING_MM: f64 = 0.5;
@@ -36,7 +35,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    pub(super) fn read(mut keys: Reader<'_, '_>, calibration: &Calibration) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, calibration: &Calibration) -> Result<Self, Error> {
         let given: schema::volume::Volume = keys.read()?;
         let spacing = keys.parsed_if("spacing_mm", given.spacing_mm, values::spacing)?;
         let spacing = spacing.or(calibration.spacing_mm.map(DVec3::from_array)).unwrap_or(DVec3::splat(SPACING_MM));
@@ -109,13 +108,13 @@ impl Picture {
     /// Returns the render settings for a volume with these slice axes.
     ///
     /// # Errors
-    /// [`Unfit`] when a transfer function's file has become unreadable.
-    pub fn settings(&self, slice_axes: Option<[DVec3; 2]>) -> Result<RenderSettings, Unfit> {
+    /// [`Error`] when a transfer function's file has become unreadable.
+    pub fn settings(&self, slice_axes: Option<[DVec3; 2]>) -> Result<RenderSettings, Error> {
         let settings = self.look.settings(self.window, slice_axes, self.threads)?;
         Ok(RenderSettings { cache: self.cache, cache_bytes: self.cache_bytes, ..settings })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Self, Error> {
         let given: schema::volume::Picture = keys.read()?;
         let size = keys.parsed("image_size", given.image_size, "x", values::picture_size)?;
         keys.note("image_size", &size);

@@ -78,7 +78,10 @@ impl Replayed {
     /// # Errors
     /// A sentence, from [`Bedside::tried`]; nothing has changed.
     pub(super) fn prepare(&self, trial: SettingsOverride) -> Result<(), String> {
-        let bedside = if trial.is_empty() { self.bedside.clone() } else { self.bedside.tried(&trial, &self.folder)? };
+        let bedside = match trial.is_empty() {
+            true => self.bedside.clone(),
+            false => self.bedside.tried(&trial, &self.folder).map_err(|error| error.to_string())?,
+        };
         self.state().next = Some((trial, bedside));
         Ok(())
     }

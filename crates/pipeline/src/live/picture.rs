@@ -104,8 +104,7 @@ pub trait ViewClient: Send + Sync {
 
 impl ViewClient for config::bedside::Picture {
     fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        config::bedside::Picture::settings(self, first.slice_axes)
-            .map_err(|unfit| format!("picture.{}: {}", unfit.setting, unfit.problem).into())
+        config::bedside::Picture::settings(self, first.slice_axes).map_err(|error| format!("picture: {error}").into())
     }
 
     fn most_hz(&self) -> f64 {
