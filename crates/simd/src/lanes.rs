@@ -10,8 +10,8 @@ pub(crate) const SQRT_HALF_BITS: i32 = 0x3F35_04F3;
 ///
 /// # Safety
 /// Methods may only be called if the implementation's instruction set is available; the entry
-/// points that [`dispatch`](crate::dispatch) makes ensure this. Pointers must be valid for the sixteen (or
-/// stated) elements from them on.
+/// points that [`dispatch`](crate::dispatch) makes ensure this. Pointers must be valid for the
+/// sixteen (or stated) elements from them on.
 #[allow(unsafe_code, reason = "the methods are intrinsics of an instruction set that the caller has detected")]
 #[allow(clippy::missing_safety_doc, reason = "the conditions above hold for every method")]
 pub unsafe trait Lanes: Copy {
