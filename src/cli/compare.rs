@@ -1,66 +1,22 @@
 //! `sonoweave compare`: the difference between two volumes, its places, and the settings that
 //! differ.
 
+mod arguments;
 mod report;
 
 use std::io::{ErrorKind, Write as _};
-use std::path::{Path, PathBuf};
-
-use clap::Args;
+use std::path::Path;
 
 use export::planes::{PlanesOptions, Shades, Window, planes};
 use volume::DenseVolume;
 use volume::difference::{Apart, Difference};
 
 use super::{Failure, input};
+pub use arguments::Arguments;
 use report::Report;
 
 /// Share of all differences within the image's colour range; the rest has the last colour.
 const SHOWN: f64 = 0.995;
-
-/// Flags of `compare`.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Only voxels that are seen in both volumes count. A voxel is seen by its weight, if weights are given; else by the \
-header's unseen value; else always. Filled holes count as unseen.
-
-Volumes on the same lattice are compared voxel by voxel, whatever their extents. For other volumes, --resample \
-interpolates the second one at the voxels of the first. The interpolation is trilinear, which smooths, and needs all \
-neighbours to be seen.
-
-The exit code is 0 whatever the difference, unless --limit is given.
-
-Examples:
-  sonoweave compare volume.mha truth.mha --weights weights.mha -o difference.png
-  sonoweave compare a.mha b.mha --json --limit 1.5")]
-pub struct Arguments {
-    /// First volume (.mha), which the second is subtracted from
-    first: PathBuf,
-    /// Second volume (.mha)
-    second: PathBuf,
-    /// First volume's weights, as `reconstruct --weights` wrote them
-    #[arg(long, value_name = "FILE.mha")]
-    weights: Option<PathBuf>,
-    /// Second volume's weights
-    #[arg(long, value_name = "FILE.mha")]
-    other_weights: Option<PathBuf>,
-    /// Interpolate the second volume at the first one's voxels if their lattices differ
-    #[arg(long)]
-    resample: bool,
-    /// Draw the difference in the first volume's three middle planes: blue if the first is
-    /// lower, orange if it is higher
-    #[arg(short, long, value_name = "DIFF.png")]
-    output: Option<PathBuf>,
-    /// Fail, with exit code 1, if the root mean square of the difference is larger
-    #[arg(long, value_name = "RMSE", allow_hyphen_values = true)]
-    limit: Option<f64>,
-    /// Write JSON, for programs
-    #[arg(long)]
-    json: bool,
-    /// Memory limit for the volumes and their difference, GiB
-    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
-    max_memory: f64,
-}
 
 /// Runs the command.
 ///

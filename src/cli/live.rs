@@ -2,6 +2,7 @@
 //! examples.
 
 mod app;
+mod arguments;
 mod check;
 mod device;
 pub(in crate::cli) mod home;

@@ -4,20 +4,17 @@ mod batch;
 pub(super) mod beside;
 pub(super) mod filling;
 pub(super) mod flags;
+mod one;
 pub(super) mod outputs;
 mod weighing;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
-use pipeline;
-use statistics::Statistics;
-
-use super::{Failure, input};
-use beside::Beside;
+use super::Failure;
 use flags::Flags;
-use outputs::Request;
+use one::weave;
 
 /// Flags of `reconstruct`.
 #[derive(Debug, Args)]
@@ -55,16 +52,4 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         [sequence] => weave(sequence, output, flags, flags.beside.clone()).map(drop),
         _ => batch::run(sequences, output, flags),
     }
-}
-
-/// Reconstructs a recorded sweep into a volume and its other outputs. Returns the statistics.
-fn weave(sequence: &Path, output: &Path, flags: &Flags, beside: Beside) -> Result<Statistics, Failure> {
-    let (request, job) = Request::new(sequence, Some(output), flags, beside)?;
-    let bar = input::progress("weaving", 1);
-    let result = pipeline::reconstruct(job, &(), |p| {
-        bar.set_length(p.total);
-        bar.set_position(p.done);
-    });
-    bar.finish_and_clear();
-    request.finish(result?, None::<&()>)
 }

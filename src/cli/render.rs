@@ -1,5 +1,6 @@
 //! `sonoweave render`: renders a volume to a picture.
 
+mod arguments;
 pub(super) mod drawing;
 mod lighting;
 pub(super) mod look;
@@ -9,7 +10,6 @@ mod planes;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::Args;
 use serde::Serialize;
 
 use render::camera::View;
@@ -17,73 +17,12 @@ use render::{Cache, RenderRegion, RenderSettings, Renderer};
 use statistics::{PictureNumbers, write_json};
 use volume::DenseVolume;
 
-use super::{Failure, input, values};
+use super::{Failure, input};
+pub use arguments::Arguments;
+use arguments::{Source, milliseconds};
 use drawing::Over;
 use look::{Look, Mode};
 use planar::Draw;
-
-/// Flags of `render`.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-With --weights, unseen voxels differ from seen black ones. For a volume from `reconstruct --type f32` with its \
-weights, the picture equals the last picture of `replay`.
-
-Example: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone")]
-pub struct Arguments {
-    /// Volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
-    volume: PathBuf,
-    /// Write the picture to this file (.png)
-    #[arg(short, long, value_name = "IMG.png")]
-    output: PathBuf,
-    /// Volume's weights, as `reconstruct --weights` wrote them: 0 marks unseen voxels
-    #[arg(long, value_name = "FILE.mha")]
-    weights: Option<PathBuf>,
-    /// Grey values that are black and white to presets [default: those of the scanner's image if
-    /// the file gives them, else of the scalar type, else the smallest and the largest]
-    #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
-    window: Option<WindowValue>,
-    /// Draw so many pictures all around the vertical: IMG-000.png, IMG-001.png, …
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=3600))]
-    turntable: Option<u16>,
-    /// Threads; any number gives the same picture [default: one a core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Memory limit for the volume, GiB
-    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
-    max_memory: f64,
-    /// Write the statistics, as JSON
-    #[arg(long, value_name = "FILE.json")]
-    stats: Option<PathBuf>,
-    #[command(flatten)]
-    look: Look,
-}
-
-// clap takes an array for its own notation of repeated values; a named type is a single value to
-// it.
-type WindowValue = [f32; 2];
-
-/// The first part of `--stats`: the rendered volume.
-#[derive(Debug, Serialize)]
-struct Source<'a> {
-    version: &'static str,
-    input: &'a Path,
-    weights: Option<&'a Path>,
-    /// Voxels along x, y, z, and the number of seen ones.
-    size: [u32; 3],
-    voxels_seen: u64,
-}
-
-impl<'a> Source<'a> {
-    fn new(arguments: &'a Arguments, volume: &DenseVolume) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            input: &arguments.volume,
-            weights: arguments.weights.as_deref(),
-            size: volume.header().size,
-            voxels_seen: volume.seen(),
-        }
-    }
-}
 
 /// The content of `--stats`.
 #[derive(Debug, Serialize)]
@@ -278,10 +217,6 @@ fn draw(
 fn numbered(path: &Path, number: u64) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{stem}-{number:03}.png"))
-}
-
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
 }
 
 fn gibibytes(gib: f64) -> Result<u64, Failure> {

@@ -10,6 +10,9 @@
 
 use std::f64::consts::{FRAC_2_SQRT_PI, LN_2, SQRT_2};
 
+/// Beyond this many σ an error function is 0 or 1 to 16 digits.
+pub(super) const EDGE_REACH: f64 = 8.3;
+
 /// eˣ; 0 below −708 (where doubles become subnormal), infinite above 709.
 pub(super) fn exp(x: f64) -> f64 {
     if x < -708.0 {

@@ -30,6 +30,7 @@ pub mod body;
 mod complex;
 mod elementary;
 pub mod error;
+mod grid;
 pub mod named;
 pub mod paint;
 #[cfg(test)]

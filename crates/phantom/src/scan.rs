@@ -12,13 +12,14 @@ use sonoweave_core::region::{BadRegion, Fan};
 use sonoweave_core::slice::{Image, Pixels, Slice};
 use volume::Grid;
 
+use super::PhantomError;
 use super::bmode::{BMode, Scanner, Workspace};
 use super::elementary::sin_cos;
+use super::grid::covering_grid;
 use super::paint::{Painter, Sheet};
 use super::random::{Draws, Purpose};
 use super::scene::{Blobs, Scene};
 use super::trajectory::{Motion, PictureMm, Trajectory, small_turn};
-use super::{PhantomError, truth};
 
 #[cfg(test)]
 mod tests;
@@ -389,12 +390,12 @@ impl Scan {
     }
 
     /// Returns the grid of all lattice points within `margin_mm` of the box around all slices
-    /// at their true poses; see [`truth::covering_grid`].
+    /// at their true poses; see [`covering_grid`].
     ///
     /// # Errors
-    /// See [`truth::covering_grid`].
+    /// See [`covering_grid`].
     pub fn grid(&self, spacing: DVec3, margin_mm: f64) -> Result<Grid, PhantomError> {
-        truth::covering_grid(
+        covering_grid(
             (0..self.frames()).map(|frame| (self.true_world_from_image(frame), self.settings.image_size)),
             spacing,
             margin_mm,

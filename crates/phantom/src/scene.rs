@@ -38,9 +38,6 @@ pub use waves::{Wave, Waves};
 pub use wires::{Wire, Wires};
 pub use zone_plate::ZonePlate;
 
-/// Beyond this many σ an error function is 0 or 1 to 16 digits.
-pub(super) const EDGE_REACH: f64 = 8.3;
-
 /// A phantom's content.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scene {

@@ -5,7 +5,7 @@ use mask::Mask;
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use sonoweave_core::slice::{Image, Slice};
 
-use super::reconstructor::Refused;
+use super::refusal::Refused;
 use super::slab::Plane;
 
 /// The slice that was inserted last.

@@ -1,6 +1,9 @@
 //! Compounding: combination of the slices that reach the same voxel.
 
-use super::decay::Decay;
+use volume::BrickVolume;
+use volume::brick_volume::{Memory, Slot};
+
+use super::decay::{Decay, DecayError, Fading, Turn};
 
 /// Rule by which slices that reach a voxel determine its value.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -43,6 +46,49 @@ impl std::fmt::Display for Compounding {
                 write!(f, "decay {} {:?} 1/s after {:?} s", decay.name(), decay.rate_per_s(), decay.wait_s())
             }
             _ => f.write_str(self.name()),
+        }
+    }
+}
+
+/// The way a value enters a voxel: [`Compounding`] in the form that the hot loop needs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Entry {
+    Mean,
+    Maximum,
+    Latest,
+    Decay(Fading),
+}
+
+impl Entry {
+    /// # Errors
+    /// [`DecayError`] for a decay that cannot be used.
+    pub(crate) fn of(compounding: Compounding) -> Result<Self, DecayError> {
+        Ok(match compounding {
+            Compounding::Mean => Self::Mean,
+            Compounding::Maximum => Self::Maximum,
+            Compounding::Latest => Self::Latest,
+            Compounding::Decay(decay) => {
+                decay.check()?;
+                Self::Decay(Fading::new(decay))
+            }
+        })
+    }
+
+    /// Computes the effect of a slice at `elapsed_ns` on a brick's times.
+    pub(crate) fn turn(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> Turn {
+        match self {
+            Self::Decay(fading) => fading.turn(volume.epoch(slot), elapsed_ns),
+            Self::Mean | Self::Maximum | Self::Latest => Turn::NONE,
+        }
+    }
+
+    /// Data that a volume must keep for it.
+    pub(crate) fn memory(self) -> Memory {
+        match self {
+            Self::Mean | Self::Maximum => Memory::Sums,
+            Self::Latest => Memory::Stamps,
+            Self::Decay(fading) if fading.keeps_ages() => Memory::Ages,
+            Self::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },
         }
     }
 }

@@ -2,19 +2,12 @@
 #![allow(unsafe_code, reason = "runs on `Lanes`, by pointer")]
 
 use simd::Lanes;
-use volume::BrickVolume;
 use volume::brick::{Ages, Brick, Stamps};
-use volume::brick_volume::{Memory, Slot};
 
-use super::compounding::Compounding;
-use super::decay::{Decay, DecayError, Fading, LEAST_FACTOR, LEAST_TOUCH, Turn};
+use super::compounding::Entry;
+use super::decay::{Decay, Fading, LEAST_FACTOR, LEAST_SUM, LEAST_TOUCH, Turn};
 use super::falloff::power_of_two;
-use super::insert::{Task, View};
-
-/// A numerator smaller than this becomes 0. Otherwise it could shrink to a subnormal number,
-/// where bright values are followed by black and are faded or clamped for long. Such numbers
-/// slow down every later slice (measured: inserts up to 2.3 times) and never become zero.
-pub(crate) const LEAST_SUM: f32 = 1e-30;
+use super::task::{Task, View};
 
 /// Returns numerators with negligible ones set to 0.
 ///
@@ -26,49 +19,6 @@ pub(crate) unsafe fn shrunk<L: Lanes>(sum: L) -> L {
     unsafe {
         let zero = L::splat(0.0);
         L::select(sum.max(zero.sub(sum)).le(L::splat(LEAST_SUM)), zero, sum)
-    }
-}
-
-/// The way a value enters a voxel: [`super::Compounding`] in the form that the hot loop needs.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Entry {
-    Mean,
-    Maximum,
-    Latest,
-    Decay(Fading),
-}
-
-impl Entry {
-    /// # Errors
-    /// [`DecayError`] for a decay that cannot be used.
-    pub(crate) fn of(compounding: Compounding) -> Result<Self, DecayError> {
-        Ok(match compounding {
-            Compounding::Mean => Self::Mean,
-            Compounding::Maximum => Self::Maximum,
-            Compounding::Latest => Self::Latest,
-            Compounding::Decay(decay) => {
-                decay.check()?;
-                Self::Decay(Fading::new(decay))
-            }
-        })
-    }
-
-    /// Computes the effect of a slice at `elapsed_ns` on a brick's times.
-    pub(crate) fn turn(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> Turn {
-        match self {
-            Self::Decay(fading) => fading.turn(volume.epoch(slot), elapsed_ns),
-            Self::Mean | Self::Maximum | Self::Latest => Turn::NONE,
-        }
-    }
-
-    /// Data that a volume must keep for it.
-    pub(crate) fn memory(self) -> Memory {
-        match self {
-            Self::Mean | Self::Maximum => Memory::Sums,
-            Self::Latest => Memory::Stamps,
-            Self::Decay(fading) if fading.keeps_ages() => Memory::Ages,
-            Self::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },
-        }
     }
 }
 

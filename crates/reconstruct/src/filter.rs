@@ -15,13 +15,10 @@ use simd::sharing::Sharing;
 use simd::{LANES, Lanes, Simd, dispatch};
 use sonoweave_core::slice::{Image, Pixels};
 
-use super::nodes::Nodes;
+use super::nodes::{MOST_NODES, Nodes};
 use super::settings::SettingsError;
 use super::spline::{PhaseTaps, Step, Taps};
 
-/// Largest number of nodes of a filtered image, including row padding. f32 counts them exactly
-/// up to here, as the hot loop requires.
-pub(crate) const MOST_NODES: usize = 1 << 24;
 /// Rows of nodes that one task filters.
 const ROWS_PER_TASK: usize = 8;
 

@@ -9,8 +9,9 @@
 //! - [`decay`]: fading of older values.
 //! - `filter`: converts a slice's pixels and certainty into spline coefficients, once.
 //! - `nodes`: the filtered image, in f32 as computed and in 16 bits as sampled.
-//! - `admission`: checks of every slice before insertion.
+//! - `admission`: checks of every slice before insertion; `refusal`: their reasons.
 //! - `slab`: the bricks that a slice meets.
+//! - `task`: the part of a slice that falls on one brick.
 //! - `plan`: the bricks that a slice will change, found before anything is changed.
 //! - `sampling`: the filtered image between its nodes; `falloff`: the weight across the plane.
 //! - `insert`: inserts one slice into one brick, the hot loop; `entry`: the update of the
@@ -37,10 +38,12 @@ pub(crate) mod plan;
 pub mod planar;
 pub mod reconstructor;
 pub mod reference;
+mod refusal;
 pub(crate) mod sampling;
 pub mod settings;
 pub(crate) mod slab;
 pub mod spline;
+pub(crate) mod task;
 
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,9 @@
 use simd::sharing::Sharing;
 use simd::{LANES, Lanes, Simd, dispatch};
 
+/// Largest number of nodes of a filtered image, including row padding. f32 counts them exactly
+/// up to here, as the hot loop requires.
+pub(crate) const MOST_NODES: usize = 1 << 24;
 /// Nodes that one task packs.
 const NODES_PER_TASK: usize = 1 << 13;
 

@@ -8,9 +8,10 @@ use volume::brick::{Ages, Brick, BrickIndex, Stamps};
 use volume::brick_volume::Slot;
 
 use super::entry::Place;
-use super::insert::{Scratch, Task, View, touches, weave};
-use super::reconstructor::Refused;
+use super::insert::{Scratch, touches, weave};
+use super::refusal::Refused;
 use super::slab::{MaskSummary, Overlap, SlabGeometry};
+use super::task::{Task, View};
 
 /// Bricks that one task of a thread processes.
 const BRICKS_PER_TASK: usize = 16;

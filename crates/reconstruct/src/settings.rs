@@ -9,8 +9,8 @@ use simd::Simd;
 
 use super::compounding::Compounding;
 use super::decay::DecayError;
-use super::filter::MOST_NODES;
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
+use super::nodes::MOST_NODES;
 use super::planar::Departure;
 use super::spline::SplineError;
 

@@ -5,10 +5,10 @@ use simd::sharing::Sharing;
 
 use super::camera::Camera;
 use super::classify::shade::Shader;
-use super::rays::cast::{Fold, Through};
+use super::rays::composite::{Fold, Through};
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
-use super::refine::Sparse;
+use super::refine::sparse::Sparse;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::voxels::{Sampler, Voxels};

@@ -22,11 +22,10 @@
 //! that followed a volume slice by slice is therefore bit for bit the one rendered from the
 //! finished volume (Ohbuchi, Chen & Fuchs 1992, section 4.2, made exact).
 
-use camera::View;
-
 pub mod camera;
 pub mod classify;
 mod elementary;
+mod error;
 mod hidden;
 mod layers;
 pub mod mode;
@@ -43,12 +42,14 @@ pub mod section;
 pub mod settings;
 mod shaded;
 mod shown;
+mod view;
 mod voxels;
 pub mod work;
 
 #[cfg(test)]
 mod tests;
 
+pub use error::RenderError;
 pub use mode::{Mode, Shading};
 pub use pick::Picked;
 pub use picture::Picture;
@@ -56,102 +57,3 @@ pub use region::RenderRegion;
 pub use renderer::{Progress, RenderMemory, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};
 pub use work::RenderWork;
-
-/// Reason why no picture can be rendered.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RenderError {
-    /// No pixels, or too many.
-    #[error("a picture of {}×{} pixels cannot be made: each side must have 1 to {most} pixels", size[0], size[1], most = camera::MOST_PIXELS)]
-    Size {
-        /// Pixels to the right and down.
-        size: [u32; 2],
-    },
-    /// An invalid direction, or an impossible perspective angle.
-    #[error(
-        "the view {view:?} is none: azimuth, elevation and roll must be numbers of degrees, and a perspective's angle more than 0 and at most 170 degrees"
-    )]
-    View {
-        /// The view.
-        view: View,
-    },
-    /// An invalid step, or one so short that rays would have too many samples.
-    #[error(
-        "a step of {step} voxels is none, or would take {samples} samples a ray, of which there may be {most}: choose a longer --step",
-        most = camera::MOST_SAMPLES
-    )]
-    Step {
-        /// The step, voxels.
-        step: f64,
-        /// Samples along a ray.
-        samples: f64,
-    },
-    /// No box, or one that is too large.
-    #[error(
-        "the box of voxels {low:?} to {high:?} cannot be looked at: it must have voxels, and not more than a table of its 8³ bricks can hold; crop the volume"
-    )]
-    Box {
-        /// First voxel.
-        low: [i64; 3],
-        /// Last voxel.
-        high: [i64; 3],
-    },
-    /// Blocks without samples.
-    #[error("blocks of 0 samples hold none: --arity must be 1 or more")]
-    Arity,
-    /// An invalid isovalue.
-    #[error("there is no surface of the intensity {value}: the isovalue must be a finite number of grey levels")]
-    Isovalue {
-        /// The isovalue.
-        value: f64,
-    },
-    /// An invalid transmittance.
-    #[error("rays cannot end at a transmittance of {stop}: it must lie between 0 and 1")]
-    Stop {
-        /// The transmittance.
-        stop: f32,
-    },
-    /// An invalid pixel difference.
-    #[error(
-        "rays cannot be left out for differences of {epsilon}: --adaptive must lie between 0, which casts all, and 1"
-    )]
-    Adaptive {
-        /// The difference.
-        epsilon: f32,
-    },
-    /// Adaptive rays are not available in this mode.
-    #[error(
-        "--adaptive leaves rays out where voxels are classified, in the modes shaded and opacity without --shading sample; for mode {mode} give --adaptive 0"
-    )]
-    AdaptiveMode {
-        /// The mode.
-        mode: &'static str,
-    },
-    /// An invalid part of the render region.
-    #[error(
-        "part {part} of {parts} is none: parts are counted from 0, and there may be one a layer of bricks, {layers} of them"
-    )]
-    Part {
-        /// Number of the part.
-        part: u32,
-        /// Number of parts requested.
-        parts: u32,
-        /// Layers of bricks along the region's z axis.
-        layers: u32,
-    },
-    /// Bytes that are not blocks of this picture.
-    #[error(
-        "a message of {bytes} bytes is not from a part of this picture: give all parts and the compositor the same settings and stage"
-    )]
-    Message {
-        /// Its length.
-        bytes: usize,
-    },
-    /// Threads could not be started.
-    #[error("{threads} threads could not be started: {why}")]
-    Threads {
-        /// Number of threads.
-        threads: usize,
-        /// Cause.
-        why: String,
-    },
-}

@@ -14,8 +14,8 @@ use glam::DVec3;
 
 use super::classify::shade::Lit;
 use super::layers::Image;
-use super::rays::cast::Line;
 use super::rays::composite::CompositeMode;
+use super::rays::line::Line;
 use super::rays::run::{RUN, Run};
 use super::renderer::Renderer;
 use super::voxels::Sampler;

@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3};
 use sonoweave_core::frames::{Transform, Volume, World};
 use volume::brick::EDGE;
 
-use super::RenderError;
+use super::error::RenderError;
 
 /// Largest number of bricks in a region's table: 2 GiB of entries.
 const MOST_BRICKS: u64 = 1 << 29;

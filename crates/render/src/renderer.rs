@@ -17,7 +17,7 @@ use super::classify::transfer::Transfer;
 use super::layers::{Image, Layers};
 use super::mode::{Keeps, Mode};
 use super::picture::Picture;
-use super::rays::cast::Fold;
+use super::rays::composite::Fold;
 use super::rays::marks::Marks;
 use super::refine::{Keeping, Scene, Sparse};
 use super::region::RenderRegion;

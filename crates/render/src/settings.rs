@@ -9,7 +9,7 @@ use super::camera::View;
 use super::classify::light::Light;
 use super::classify::transfer::Transfer;
 use super::mode::{Keeps, Mode};
-use super::rays::cast::Fold;
+use super::rays::composite::Fold;
 
 /// The data kept of rays between pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

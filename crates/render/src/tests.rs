@@ -107,7 +107,7 @@ fn rays_enter_and_leave_at_geometric_bounds() {
     let step = world.transform_vector3(ray.step);
     assert!((step - DVec3::new(0.0, 0.5, 0.0)).length() < 1e-12, "{step}");
     let low: [i64; 3] = std::array::from_fn(|a| -stage.first()[a]);
-    let [from, to] = crate::rays::cast::span(&ray, low, low.map(|x| x + 39), [0, camera.samples()]);
+    let [from, to] = crate::rays::line::span(&ray, low, low.map(|x| x + 39), [0, camera.samples()]);
     // A voxel around the box: from −0.5 mm to 20 mm.
     let distance = |k: u32| f64::from(k) * 0.5 + first.y;
     assert!(distance(from) >= -0.52 && distance(from) < 0.0, "{}", distance(from));

@@ -7,7 +7,7 @@ use super::classify::classifier::SampleReader;
 use super::classify::interval::Interval;
 use super::classify::shade::Shader;
 use super::mode::Keeps;
-use super::rays::cast::Line;
+use super::rays::line::Line;
 use super::rays::run::{Reader, Run};
 use super::region::RenderRegion;
 use super::settings::RenderSettings;

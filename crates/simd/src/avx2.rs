@@ -3,7 +3,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Lanes, SQRT_HALF_BITS};
+use super::lanes::{Lanes, SQRT_HALF_BITS};
 
 /// Sixteen f32 in two registers: lanes 0–7 and 8–15.
 #[derive(Clone, Copy)]

@@ -1,7 +1,7 @@
 //! Lanes for machines without AVX2, and the reference for machines with it.
 #![allow(unsafe_code, reason = "implements `Lanes`, whose loads and stores are by pointer")]
 
-use super::{LANES, Lanes, SQRT_HALF_BITS};
+use super::lanes::{LANES, Lanes, SQRT_HALF_BITS};
 
 /// Sixteen f32 in an array.
 #[derive(Clone, Copy)]

@@ -11,6 +11,7 @@ use rustc_hash::FxHashMap;
 
 use super::arena::Arena;
 use super::brick::{Ages, Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
+pub use super::read::SEEN;
 use super::read::Voxels;
 
 /// Bricks along a block's edge.
@@ -19,10 +20,6 @@ const BLOCK: i32 = 8;
 const CHUNK: usize = 4096;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
-
-/// A voxel whose weight does not exceed this is unseen. A sample at the kernel's peak weighs
-/// about 1; this is the far end of its tail.
-pub const SEEN: f32 = 1e-3;
 
 /// Index of a brick in the arena; valid as long as the volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]

@@ -13,8 +13,7 @@ use rustc_hash::FxHashMap;
 
 use super::arena::Arena;
 use super::brick::{BrickIndex, EDGE, VOXELS};
-use super::brick_volume::SEEN;
-use super::read::Voxels;
+use super::read::{SEEN, Voxels};
 
 /// Columns of a tile.
 pub const COLUMNS: usize = EDGE * EDGE;

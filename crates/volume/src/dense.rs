@@ -11,9 +11,8 @@ use sonoweave_core::reading::PixelType;
 
 use super::Grid;
 use super::brick::{BrickIndex, EDGE};
-use super::brick_volume::SEEN;
 use super::lattice::{Canonical, canonical};
-use super::read::Values;
+use super::read::{SEEN, Values};
 
 /// Header field with the value of voxels that were not seen.
 pub const UNSEEN_FIELD: &str = "SonoweaveUnseen";

@@ -2,7 +2,10 @@
 //! alike.
 
 use super::brick::{BrickIndex, EDGE, VOXELS};
-use super::brick_volume::SEEN;
+
+/// A voxel whose weight does not exceed this is unseen. A sample at the kernel's peak weighs
+/// about 1; this is the far end of its tail.
+pub const SEEN: f32 = 1e-3;
 
 /// Numerators and weights on a lattice. A voxel's value is r / w if w exceeds [`SEEN`];
 /// otherwise it is unseen.

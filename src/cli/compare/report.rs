@@ -9,7 +9,7 @@ use volume::DenseVolume;
 use volume::dense::UNSEEN_FIELD;
 use volume::difference::Difference;
 
-use super::Arguments;
+use super::arguments::Arguments;
 use crate::cli::histogram::Histogram;
 use crate::cli::inspect::text::{Text, point, short, times};
 

@@ -17,11 +17,11 @@ use pipeline::live::{
 };
 use sonoweave_core::clock::{Clock, Monotonic};
 
+use super::arguments::SessionArguments;
 use super::home::Home;
 use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
 use super::resume;
-use super::session::SessionArguments;
 use super::stages::{instruments, record, stages};
 use super::status_publisher::StatusPublisher;
 use super::terminal::Terminal;

@@ -1,62 +1,23 @@
 //! Runs a session: the configured devices through the pipeline, to its outputs.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-
-use clap::Args;
 
 use config::bedside::Bedside;
 use console::Listen;
 use pipeline::control::SessionController;
 
 use super::app::LiveApp;
+pub(in crate::cli) use super::arguments::SessionArguments;
 use super::home::Home;
 use super::outputs::{Outputs, say};
 use super::reload::Reload;
 use super::status_publisher::{StatusPublisher, policy};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
-use crate::cli::igtl::Sharing;
-use crate::cli::{Failure, values};
-
-/// Flags of a session.
-#[derive(Debug, Clone, Default, Args)]
-pub(in crate::cli) struct SessionArguments {
-    /// Record the session in this folder; it is created if missing [default: the
-    /// configuration's, or not recorded]
-    #[arg(long, value_name = "DIR")]
-    pub(in crate::cli) record: Option<PathBuf>,
-    /// End the session after so many seconds [default: run until Ctrl-C or SIGTERM]
-    #[arg(long, value_name = "S")]
-    pub(in crate::cli) duration: Option<f64>,
-    /// Resume a recorded session, for example after a crash: its slices are inserted into the
-    /// volume first. The configuration must be the one that it was recorded with
-    #[arg(long, value_name = "SESSION")]
-    pub(in crate::cli) resume: Option<PathBuf>,
-    /// Serve the browser console at this address: the page with image and volume, and the
-    /// status. Other machines need certificate, key and token_file under status [default: the
-    /// configuration's status.listen, or not served]
-    #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
-    pub(in crate::cli) console: Option<SocketAddr>,
-    /// Folder for the files that pages record, save and keep; it is created if missing [default:
-    /// the recording's folder, or none]
-    #[arg(long, value_name = "DIR")]
-    pub(in crate::cli) keep: Option<PathBuf>,
-    /// Print no progress
-    #[arg(long)]
-    pub(in crate::cli) quiet: bool,
-    /// Print progress lines instead of the volume in the terminal
-    #[arg(long)]
-    pub(in crate::cli) headless: bool,
-    /// Set for the virtual bedside that comes with the program
-    #[arg(skip)]
-    pub(in crate::cli) demo: bool,
-    #[command(flatten)]
-    pub(in crate::cli) sharing: Sharing,
-}
+use crate::cli::Failure;
 
 impl SessionArguments {
     fn kind(&self) -> &'static str {

@@ -7,7 +7,7 @@ use statistics::Statistics;
 
 use super::beside::Beside;
 use super::flags::Flags;
-use super::weave;
+use super::one::weave;
 use crate::cli::{Failure, input};
 
 /// Reconstructs each recording into a volume of its name in a folder. A failed recording does

@@ -1,10 +1,11 @@
 //! The flags of planes, and of annotations over pictures.
 
+mod check;
+
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde::Serialize;
 
-use super::look::{Look, Mode};
 use crate::cli::{Failure, values};
 pub(in crate::cli) use config::look::Draw;
 use export::sections::{Sheet, Wash};
@@ -110,54 +111,6 @@ impl PlanarFlags {
         draw.sort_unstable();
         draw.dedup();
         draw
-    }
-
-    /// Refuses contradictory flags, before any work.
-    ///
-    /// # Errors
-    /// [`Failure`] with the flag and the remedy.
-    pub(super) fn check(&self, look: &Look) -> Result<(), Failure> {
-        let refuse = |text: String| Err(Failure(text));
-        if self.draw.as_ref().is_some_and(|draw| draw.contains(&Draw::None) && draw.len() > 1) {
-            return refuse("--draw none: cannot be combined with other names; leave them out".into());
-        }
-        if look.mode != Mode::Slice {
-            let given =
-                [("--at", self.at.is_some()), ("--plane", self.plane.is_some()), ("--overlay", self.overlay.is_some())];
-            return match given.iter().find(|(_, given)| *given) {
-                Some((flag, _)) => {
-                    refuse(format!("{flag}: applies to planes only; give --mode slice, or leave it out"))
-                }
-                None => Ok(()),
-            };
-        }
-        let usual = Look::usual();
-        let other = [
-            ("--view", look.view.is_some()),
-            ("--perspective", look.perspective.is_some()),
-            ("--transfer", look.transfer.is_some()),
-            ("--step", look.step != usual.step),
-            ("--arity", look.arity.is_some()),
-            ("--stop", look.stop.is_some()),
-            ("--adaptive", look.adaptive != 0.0),
-            ("--background", look.background != usual.background),
-        ];
-        if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
-            return refuse(format!(
-                "{flag}: does not apply to --mode slice; leave it out, and give --at or --plane for planes and \
-                --window for greys"
-            ));
-        }
-        if self.at.is_some() && self.plane.is_some() {
-            return refuse("--at, --plane: give --at for three planes, or --plane for a free one".into());
-        }
-        if let Some(what) = self.drawn(&[]).into_iter().find(|what| *what != Draw::Scale) {
-            return refuse(format!(
-                "--draw {}: cannot be drawn on planes; with --mode slice give scale or none",
-                what.name()
-            ));
-        }
-        self.free().map(|_| ())
     }
 
     fn free(&self) -> Result<Option<Plane>, Failure> {

@@ -10,8 +10,8 @@ use render::settings::pool;
 use statistics::write_json;
 use volume::DenseVolume;
 
+use super::arguments::{Arguments, Source, milliseconds};
 use super::planar::SheetNumbers;
-use super::{Arguments, Source, milliseconds};
 use crate::cli::{Failure, input};
 
 /// The content of `--stats`.

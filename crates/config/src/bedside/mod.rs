@@ -319,10 +319,10 @@ fn other_lag(calibrated: &Latency, tracking: &Tracking, grabber: &Grabber) -> Op
 }
 
 /// A calibration, and overrides of its clip and fan.
-type Told = (Option<Settings>, Option<Clip>, Option<Fan>);
+type GivenCalibration = (Option<Settings>, Option<Clip>, Option<Fan>);
 
 /// Reads the section's calibration, and its overrides of the calibration's clip and fan.
-fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Error> {
+fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCalibration, Error> {
     let given: schema::session::Calibration = keys.read()?;
     let (file, preset) = (keys.path_if(given.file), given.preset);
     let clip = given.clip_px.map(|clip| match clip {

@@ -14,11 +14,12 @@ use rayon::prelude::*;
 
 use volume::Grid;
 
-use super::{Covariances, EffectiveKernel, voxel_centre};
+use super::kernel::{Covariances, EffectiveKernel, voxel_centre};
+use crate::PhantomError;
 use crate::elementary::exp;
+use crate::grid::voxels;
 use crate::paint::{Painter, Sheet};
 use crate::scene::Scene;
-use crate::{PhantomError, truth};
 
 /// Radius of the kernel, in σ.
 const REACH: f64 = 5.0;
@@ -41,7 +42,7 @@ pub(super) fn sample(
     covariances: &Covariances,
     grid: &Grid,
 ) -> Result<Vec<f32>, PhantomError> {
-    let mut volume = vec![0.0_f32; truth::voxels(grid)?];
+    let mut volume = vec![0.0_f32; voxels(grid)?];
     let layer = (grid.size[0] * grid.size[1]) as usize;
     let step = (STEP * kernel.smallest()).min(finest_step(painter.scene()));
     let margin = REACH * kernel.largest() + step;

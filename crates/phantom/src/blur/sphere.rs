@@ -9,9 +9,9 @@
 use glam::{DMat3, DVec3};
 
 use super::eigen::eigen;
-use crate::elementary::exp;
+use crate::elementary::{EDGE_REACH, exp};
 use crate::paint::SphereProfile;
-use crate::scene::{EDGE_REACH, Sphere};
+use crate::scene::Sphere;
 
 /// Limit of the trapezoid rule, in σ of the integrated Gaussian.
 const REACH: f64 = 5.0;

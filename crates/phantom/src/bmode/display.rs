@@ -5,7 +5,7 @@ use glam::DVec2;
 use mask::Mask;
 use simd::Fused;
 
-use super::painter::Raster;
+use super::raster::Raster;
 use super::real::log2;
 use super::scatter::amplitude;
 use super::spread::{Spread, across, along};

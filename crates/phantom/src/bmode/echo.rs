@@ -3,7 +3,7 @@
 use glam::{DAffine3, DVec3};
 
 use super::beam::{Loss, Way, ray};
-use super::painter::Raster;
+use super::raster::Raster;
 use super::scatter::amplitude;
 use super::spread::Spread;
 use super::{Layout, REFERENCE_DB, Scanner, hash};

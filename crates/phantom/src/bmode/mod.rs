@@ -32,14 +32,18 @@ pub mod echo;
 mod hash;
 pub mod layout;
 pub mod painter;
+mod raster;
 mod real;
 pub mod scatter;
 pub mod spread;
 #[cfg(test)]
 mod tests;
+mod transducer;
 
-pub use layout::{Layout, Transducer};
+pub use layout::Layout;
 pub use painter::{BMode, Workspace};
+use transducer::MARGIN;
+pub use transducer::Transducer;
 
 /// Speed of sound that scanners assume, mm/µs.
 pub const SPEED_OF_SOUND: f64 = 1.54;
@@ -267,7 +271,7 @@ impl Scanner {
         let [width, height] = image_size.map(f64::from);
         let [wide, high] = self.transducer.extent_mm(self.depth_mm);
         // Rounded up to whole micrometres: a number that is easy to write.
-        let pixel = (wide / (0.98 * width)).max(high / ((1.0 - 2.0 * layout::MARGIN) * height));
+        let pixel = (wide / (0.98 * width)).max(high / ((1.0 - 2.0 * MARGIN) * height));
         (pixel * 1e3).ceil() * 1e-3
     }
 

@@ -5,7 +5,7 @@ use glam::{DAffine3, DVec3, Vec3, Vec3Swizzles as _};
 use simd::Fused;
 
 use super::layout::{Layout, REACH};
-use super::painter::Raster;
+use super::raster::Raster;
 use super::real::{atan, exp_minus};
 use super::spread::Spread;
 use super::{Scanner, Transducer, hash};

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::Sheet;
+use super::sheet::Sheet;
 use crate::complex::{Complex, exp};
 use crate::scene::{Wave, ZonePlate};
 

@@ -5,9 +5,10 @@ use std::f64::consts::FRAC_PI_2;
 use glam::DVec3;
 
 use super::oscillation::Oscillation;
-use super::{Sheet, indices_within};
+use super::sheet::{Sheet, indices_within, rows};
 use crate::complex::{Complex, exp};
-use crate::scene::{EDGE_REACH, MarschnerLobb, Sphere};
+use crate::elementary::EDGE_REACH;
+use crate::scene::{MarschnerLobb, Sphere};
 
 /// Steps of the soft edge's table: over 16.6 σ, linear interpolation errs by less than 1e-6 of
 /// the edge's height.
@@ -103,7 +104,7 @@ impl Rings {
                 .map(|j| exp(phase(sheet.origin.z - centre.z + sheet.step_v.z * j as f64)))
                 .collect(),
         };
-        for (j, row) in super::rows(sheet, grey) {
+        for (j, row) in rows(sheet, grey) {
             for (i, value) in row.iter_mut().enumerate() {
                 let p = (sheet.point(i, j) - centre) / unit_mm;
                 let ring = self.ring((p.x * p.x + p.y * p.y).sqrt());

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Sheet;
+use super::sheet::Sheet;
 use crate::elementary::exp;
 use crate::scene::{ThinSheet, Wire};
 

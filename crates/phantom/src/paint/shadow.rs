@@ -1,7 +1,7 @@
 //! Blobs: on two perpendicular axes an isotropic Gaussian is the product of one Gaussian along
 //! each.
 
-use super::{Sheet, indices_within};
+use super::sheet::{Sheet, indices_within};
 use crate::elementary::exp;
 use crate::scene::Blob;
 

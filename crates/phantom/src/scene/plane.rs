@@ -2,8 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::EDGE_REACH;
-use crate::elementary::normal_cdf;
+use crate::elementary::{EDGE_REACH, normal_cdf};
 
 /// Two half spaces that meet in a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]

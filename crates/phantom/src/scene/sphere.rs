@@ -4,8 +4,7 @@ use std::f64::consts::{FRAC_2_PI, SQRT_2};
 
 use glam::DVec3;
 
-use super::EDGE_REACH;
-use crate::elementary::{erf, exp};
+use crate::elementary::{EDGE_REACH, erf, exp};
 
 /// A ball whose edge is a step convolved with an isotropic 3D Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,6 +9,7 @@
 //! In the order of the data:
 //!
 //! - `plane`: the scan's plane, the line in which a slice meets it, and departures from it.
+//! - `departure`: reasons why a slice or mask does not fit the plane.
 //! - `bands`: the sum along u, from pixels to lines of voxels.
 //! - `table`: the kernel across the image's rows and across the slice, as tables for columns.
 //! - `strip`: the columns that a slice meets, and the sum across u: the hot loop.
@@ -21,6 +22,7 @@
 //! straight borders the two agree; in the image's corners this path keeps a few voxels more.
 
 mod bands;
+mod departure;
 mod plane;
 pub mod reconstructor;
 pub mod reference;
@@ -31,5 +33,6 @@ mod upgrade;
 #[cfg(test)]
 mod tests;
 
-pub use plane::{Departure, OnDeparture, PlanarSettings, worst_departure};
+pub use departure::Departure;
+pub use plane::{OnDeparture, PlanarSettings, worst_departure};
 pub use reconstructor::PlanarReconstructor;

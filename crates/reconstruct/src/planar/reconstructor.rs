@@ -10,7 +10,8 @@ use sonoweave_core::slice::Slice;
 use volume::ColumnVolume;
 
 use super::bands::Bands;
-use super::plane::{Departure, OnDeparture, PlanarSettings, ScanPlane};
+use super::departure::Departure;
+use super::plane::{OnDeparture, PlanarSettings, ScanPlane};
 use super::strip::{Lines, Plan, Strip};
 use super::table::{KernelTable, RowKernel};
 use crate::admission::Admission;

@@ -5,8 +5,8 @@ use volume::brick_volume::{Epoch, Slot};
 use volume::{BrickVolume, Voxels};
 
 use super::PlanarReconstructor;
+use crate::compounding::Entry;
 use crate::decay::Fading;
-use crate::entry::Entry;
 use crate::{Reconstructor, Refused, SettingsError};
 
 impl PlanarReconstructor {

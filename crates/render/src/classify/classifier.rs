@@ -2,7 +2,7 @@
 //! intensity and gradient.
 
 use crate::classify::shade::{Lit, Shader};
-use crate::rays::cast::Line;
+use crate::rays::line::Line;
 use crate::rays::run::{Reader, Run};
 use crate::real::Real;
 use crate::shaded::Shaded;

@@ -9,7 +9,9 @@
 use std::ops::Range;
 
 use crate::classify::shade::Lit;
-use crate::rays::cast::{Fold, Line, Through, fold_block};
+use crate::rays::cast::fold_block;
+use crate::rays::composite::{Fold, Through};
+use crate::rays::line::Line;
 use crate::settings::Cache;
 use crate::voxels::Sampler;
 use crate::work::RenderWork;

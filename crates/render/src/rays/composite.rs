@@ -1,9 +1,52 @@
-//! Composite modes: how the samples along a ray are combined.
+//! Composited samples, and composite modes: how the samples along a ray are combined.
 //!
 //! All modes share the state, premultiplied colour and transmittance, and the neutral element
 //! (0, 1). Each is associative except for rounding.
 
-use crate::rays::cast::Through;
+use crate::work::RenderWork;
+
+/// Composited samples: premultiplied colour, and the transmittance to whatever lies behind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Through<const C: usize> {
+    pub(crate) colour: [f32; C],
+    pub(crate) transmittance: f32,
+}
+
+impl<const C: usize> Through<C> {
+    /// No samples.
+    pub(crate) const CLEAR: Self = Self { colour: [0.0; C], transmittance: 1.0 };
+
+    /// Adds a sample behind.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, colour: [f32; C], alpha: f32) {
+        for (sum, c) in self.colour.iter_mut().zip(colour) {
+            *sum = self.transmittance.mul_add(c, *sum);
+        }
+        self.transmittance = (-self.transmittance).mul_add(alpha, self.transmittance);
+    }
+
+    /// Adds a block behind; returns whether the ray ends with it.
+    #[inline(always)]
+    pub(crate) fn ends_behind(&mut self, block: &Self, fold: Fold, work: &mut RenderWork) -> bool {
+        fold.law.join(self, block);
+        work.blocks_folded += 1;
+        fold.law.ends(self, fold.stop)
+    }
+
+    /// Adds a block behind.
+    #[inline(always)]
+    pub(crate) fn join(&mut self, block: &Self) {
+        for (sum, c) in self.colour.iter_mut().zip(block.colour) {
+            *sum = self.transmittance.mul_add(c, *sum);
+        }
+        self.transmittance *= block.transmittance;
+    }
+
+    pub(crate) fn same_bits(&self, other: &Self) -> bool {
+        self.transmittance.to_bits() == other.transmittance.to_bits()
+            && self.colour.iter().zip(&other.colour).all(|(a, b)| a.to_bits() == b.to_bits())
+    }
+}
 
 /// Composite mode of the samples along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +117,25 @@ impl CompositeMode {
             Self::Thin => false,
             Self::Most { top } => front.transmittance < 1.0 && front.colour[0] >= top,
         }
+    }
+}
+
+/// Parameters for compositing samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fold {
+    /// Samples of a block.
+    pub(crate) arity: u32,
+    /// The composite mode.
+    pub(crate) law: CompositeMode,
+    /// The ray ends at the end of a block if the transmittance is below this.
+    pub(crate) stop: f32,
+}
+
+impl Fold {
+    /// Returns the end of the block that holds a sample.
+    #[inline(always)]
+    pub(crate) fn block_end(self, k: u32) -> u32 {
+        (k / self.arity + 1).saturating_mul(self.arity)
     }
 }
 

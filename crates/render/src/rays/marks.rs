@@ -8,7 +8,7 @@
 use volume::prism::Faces;
 
 use crate::camera::Camera;
-use crate::rays::cast::Line;
+use crate::rays::line::Line;
 use crate::rays::slab::{Body, Footprint, ViewRays, whole};
 use crate::shaded::Dirty;
 use crate::work::RenderWork;

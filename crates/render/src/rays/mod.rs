@@ -1,12 +1,14 @@
 //! Rays through the render region: samples, composition, and the data kept between pictures.
 //!
-//! - `run`: samples between voxels. `cast`, `composite`: a ray's samples and their composition.
+//! - `line`: a ray and its samples in a box. `run`: samples between voxels.
+//! - `cast`, `composite`: a ray's samples and their composition.
 //! - `cache`: kept samples and blocks. `slab`: samples of rays inside a body (D-buffer).
 //! - `marks`: samples that a change may have reached. `rows`: casts their rays again.
 
 pub(crate) mod cache;
 pub(crate) mod cast;
 pub(crate) mod composite;
+pub(crate) mod line;
 pub(crate) mod marks;
 pub(crate) mod rows;
 pub(crate) mod run;

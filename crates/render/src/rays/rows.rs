@@ -6,7 +6,8 @@ use simd::{Fused, Simd};
 
 use crate::camera::Camera;
 use crate::rays::cache::{self, RowCache};
-use crate::rays::cast::{Fold, Line, Through};
+use crate::rays::composite::{Fold, Through};
+use crate::rays::line::Line;
 use crate::rays::marks::Marks;
 use crate::region::RenderRegion;
 use crate::settings::Cache;

@@ -9,7 +9,7 @@
 use volume::brick::EDGE;
 
 use crate::classify::shade::Lit;
-use crate::rays::cast::Line;
+use crate::rays::line::Line;
 use crate::shaded::{CELLS, SIDE, Shaded, ShadedBrick};
 use crate::work::RenderWork;
 

@@ -16,7 +16,7 @@
 use simd::Simd;
 use simd::sharing::Sharing;
 
-use crate::rays::cast::{Fold, Through};
+use crate::rays::composite::{Fold, Through};
 use crate::rays::rows::Row;
 use crate::voxels::Sampler;
 use crate::work::RenderWork;

@@ -14,6 +14,7 @@
 pub(crate) mod adaptive;
 pub(crate) mod features;
 pub(crate) mod preview;
+pub(crate) mod sparse;
 
 use simd::Simd;
 use simd::sharing::Sharing;
@@ -22,12 +23,14 @@ use volume::brick::EDGE;
 use super::camera::Camera;
 use super::classify::shade::Shader;
 use super::layers::Layers;
-use super::rays::cast::Fold;
+use super::rays::composite::Fold;
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::refine::adaptive::{Casting, DEPTHS, REGION, Regions};
 use super::refine::features::Features;
 use super::refine::preview::{Preview, PreviewInputs, Unlit};
+pub(super) use super::refine::sparse::Sparse;
+use super::refine::sparse::Turning;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::shaded::Dirty;
@@ -94,49 +97,13 @@ impl Keeping {
     }
 }
 
-/// A picture without one ray a pixel: by choice, or not yet.
-pub(super) struct Sparse<const C: usize> {
-    pub(super) regions: Regions<C>,
-    /// Small features, if rays are adaptive.
-    features: Option<Features>,
-    turning: Option<Turning<C>>,
-}
-
 impl<const C: usize> Sparse<C> {
-    /// Creates the picture of an empty volume.
-    pub(super) fn new(camera: &Camera, stage: &RenderRegion, epsilon: f32) -> Self {
-        let regions = Regions::new(camera.size(), epsilon, true);
-        let features = Some(Features::new(camera, stage, epsilon, regions.count()));
-        Self { regions, features, turning: None }
-    }
-
-    pub(super) fn bytes(&self) -> u64 {
-        self.regions.bytes() + self.features.as_ref().map_or(0, Features::bytes)
-    }
-
     /// Returns some of the least refined regions and their depth; `None` if all are refined.
     fn coarsest(&self) -> Option<(usize, Vec<usize>)> {
         let all = 0..self.regions.len();
         let depths = all.clone().map(|at| self.regions.depths(at)).min().filter(|depths| *depths < DEPTHS)?;
         Some((depths, all.filter(|at| self.regions.depths(*at) == depths).take(REGIONS[depths]).collect()))
     }
-}
-
-/// Remaining work for a new view.
-struct Turning<const C: usize> {
-    preview: Preview<C>,
-    begun: bool,
-    /// Whether the light on voxels has changed.
-    relight: bool,
-    /// Bricks to be lit, and to be searched for small features.
-    unlit: Vec<[i64; 3]>,
-    unsearched: Vec<[i64; 3]>,
-    /// Number of rows, from the first, that are set up for the view; and whether all are, and
-    /// the cache is chosen.
-    lined: usize,
-    chosen: bool,
-    /// Rows whose rays can be cast.
-    ready: Vec<bool>,
 }
 
 impl<const C: usize> Turning<C> {

@@ -15,7 +15,8 @@ use volume::brick::EDGE;
 
 use crate::camera::{Camera, Ray};
 use crate::classify::shade::Shader;
-use crate::rays::cast::{Fold, Line, Through};
+use crate::rays::composite::{Fold, Through};
+use crate::rays::line::Line;
 use crate::rays::slab::Footprint;
 use crate::refine::adaptive::{REGION, bilinear};
 use crate::region::RenderRegion;

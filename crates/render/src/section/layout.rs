@@ -1,8 +1,8 @@
 //! Layout of three orthogonal planes in one picture, all at the same mm per pixel.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-use super::plane::{Box3, Section};
+use super::plane::{Box3, Section, basis};
 use super::{SectionError, numbers};
 
 /// Margins around planes in a picture, pixels.
@@ -143,13 +143,4 @@ impl Arrangement {
         // The thinnest axis may be rounded up to a pixel.
         (free.iter().all(|pixels| *pixels >= 8.0) && scale > 0.0).then_some(scale)
     }
-}
-
-/// Returns orthonormal directions along the columns of a matrix, each as close to its column as
-/// the earlier ones allow.
-pub(super) fn basis(matrix: DMat3) -> DMat3 {
-    let x = matrix.x_axis.normalize();
-    let y = (matrix.y_axis - x * matrix.y_axis.dot(x)).normalize();
-    let z = matrix.z_axis - x * matrix.z_axis.dot(x) - y * matrix.z_axis.dot(y);
-    DMat3::from_cols(x, y, z.normalize())
 }

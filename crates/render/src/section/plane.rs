@@ -1,10 +1,9 @@
 //! A plane in the world, and its visible pixels.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use sonoweave_core::frames::{Transform, Volume, World};
 
-use super::layout::basis;
 use super::{SectionError, numbers};
 
 /// For normals closer to the world's z axis than this (cosine), the world's +y is up in the
@@ -242,4 +241,13 @@ impl Box3 {
         }
         cut
     }
+}
+
+/// Returns orthonormal directions along the columns of a matrix, each as close to its column as
+/// the earlier ones allow.
+pub(super) fn basis(matrix: DMat3) -> DMat3 {
+    let x = matrix.x_axis.normalize();
+    let y = (matrix.y_axis - x * matrix.y_axis.dot(x)).normalize();
+    let z = matrix.z_axis - x * matrix.z_axis.dot(x) - y * matrix.z_axis.dot(y);
+    DMat3::from_cols(x, y, z.normalize())
 }

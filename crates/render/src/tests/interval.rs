@@ -6,7 +6,8 @@ use simd::sharing::Sharing;
 
 use super::super::classify::interval::Interval;
 use super::super::classify::shade::{Lit, Shader};
-use super::super::rays::cast::{Line, Through};
+use super::super::rays::composite::Through;
+use super::super::rays::line::Line;
 use super::super::rays::run::Reader;
 use super::super::shaded::Shaded;
 use super::super::shown::Shown;

@@ -48,10 +48,11 @@ use infer::Inference;
 use mapping::clamped;
 pub use mapping::{Basis, Mapping, State};
 pub use publish::{PUBLISHED_EVERY_NS, PUBLISHED_NS};
-use rate::BOOTSTRAP;
 pub use settings::ClockSettings;
 use watch::Watch;
 
+/// Number of samples from which an unknown rate is determined.
+const BOOTSTRAP: usize = 16;
 /// Samples later than this are flagged, ns. Known slow adapters that are left alone collect for
 /// 16 ms.
 pub const LATE_NS: i64 = 20_000_000;

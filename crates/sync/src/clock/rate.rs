@@ -4,10 +4,8 @@
 use sonoweave_core::Ticks;
 
 use super::settings::UNKNOWN_PPM;
-use super::{ClockMap, Origin, Sample, limit_ppb};
+use super::{BOOTSTRAP, ClockMap, Origin, Sample, limit_ppb};
 
-/// Number of samples from which an unknown rate is determined.
-pub(super) const BOOTSTRAP: usize = 16;
 /// Accepted times between ticks, ns.
 const PERIODS_NS: std::ops::RangeInclusive<f64> = 1.0..=2e9;
 /// A given rate is accepted if it differs from that of the first records by less than this

@@ -2,8 +2,8 @@
 //!
 //! Colours are display values (sRGB) from 0 to 1; compositing uses these values directly.
 
-use super::TransferError;
 use super::curve::{Curve, CurveError, Piecewise};
+use super::error::TransferError;
 use crate::real::{Number, dot};
 
 /// Points of the perceptual map. Colours are interpolated between them in sRGB; steps stay even

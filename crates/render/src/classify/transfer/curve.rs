@@ -1,29 +1,10 @@
 //! Piecewise linear functions with values from 0 to 1.
 
+pub use super::knots::{Knot, Piecewise};
 use crate::real::{Number, Real};
 
 /// Positions lie within ± this, so that no difference of two overflows in single precision.
 const FARTHEST: f64 = 1e30;
-
-/// A piecewise linear function of one number, N values from 0 to 1. Beyond its first and last
-/// point it keeps their values.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Piecewise<const N: usize> {
-    /// Ascending, also after rounding to f32; at least one.
-    double: Vec<Knot<f64, N>>,
-    /// The same points, rounded.
-    single: Vec<Knot<f32, N>>,
-}
-
-/// A point of a curve.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Knot<S, const N: usize> {
-    position: S,
-    /// At the position, 0 to 1.
-    values: [S; N],
-    /// From here to the next point; 0 at the last.
-    slopes: [S; N],
-}
 
 /// A curve of one value.
 pub type Curve = Piecewise<1>;
@@ -117,16 +98,6 @@ impl<const N: usize> Piecewise<N> {
             })
             .collect();
         Ok(Self { double, single })
-    }
-
-    /// Returns the points as given.
-    pub(crate) fn double(&self) -> &[Knot<f64, N>] {
-        &self.double
-    }
-
-    /// Returns the points in single precision.
-    pub(crate) fn single(&self) -> &[Knot<f32, N>] {
-        &self.single
     }
 
     /// Returns the values at `x`, exact at the points; those of the first point for NaN.

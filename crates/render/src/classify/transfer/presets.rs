@@ -3,7 +3,9 @@
 //! They are made for a range of intensities, black to white: 0 to 255 for 8 bit images.
 //! Positions below are shares of that range, gradients shares of it per mm.
 
-use super::{Colour, Curve, Opacity, Transfer, TransferError};
+use super::error::TransferError;
+use super::preset_names::PRESETS;
+use super::{Colour, Curve, Opacity, Transfer};
 
 /// Unit length of the opacities, mm.
 const UNIT_MM: f64 = 1.0;
@@ -11,20 +13,9 @@ const UNIT_MM: f64 = 1.0;
 /// black lies below the darkest and white among the brighter ones.
 const SURFACES: [f64; 2] = [-0.2, 0.7];
 
-pub(super) fn names() -> String {
-    let [first @ .., last] = Transfer::PRESETS.map(|(name, _)| name);
-    format!("{} and {last}", first.join(", "))
-}
-
 impl Transfer {
     /// Name and purpose of every preset; the first is the default.
-    pub const PRESETS: [(&'static str, &'static str); 5] = [
-        ("tissue", "soft surfaces: dark fluid and faint speckle clear, bright and steep echoes opaque"),
-        ("bone", "only the brightest echoes"),
-        ("surface", "the surface halfway between black and white"),
-        ("xray", "thin and even, like an x-ray picture"),
-        ("phantom", "grey bodies on a dark background"),
-    ];
+    pub const PRESETS: [(&'static str, &'static str); 5] = PRESETS;
 
     /// Returns a preset for intensities from `range[0]` (black) to `range[1]` (white).
     ///
