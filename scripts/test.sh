@@ -16,7 +16,7 @@ export logs
 
 # Lines of package, its folder, and program. Nothing is built again.
 cargo test "$@" --no-run --message-format=json 2>/dev/null | sed -n \
-    's/.*"package_id":"[^"]*#\([a-z0-9-]*\)@[^"]*","manifest_path":"\([^"]*\)\/Cargo.toml".*"test":true}.*"executable":"\([^"]*\)".*/\1 \2 \3/p' \
+    's/.*"package_id":"[^"]*#\([a-z0-9-]*\)@[^"]*","manifest_path":"\([^"]*\)\/Cargo.toml".*"profile":{[^}]*"test":true}.*"executable":"\([^"]*\)".*/\1 \2 \3/p' \
     >"$logs/programs"
 [ -s "$logs/programs" ] || {
     echo "test: cargo named no test program" >&2

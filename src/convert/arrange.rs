@@ -113,9 +113,17 @@ mod tests {
     #[test]
     fn invalid_crop_or_orientation_is_refused() {
         let outside = ClipRect { x: 2, ..PART };
-        assert!(Arrangement::new([3, 2], "MF", Some(outside), None).unwrap_err().contains("has 3×2 in MF orientation"));
-        assert!(Arrangement::new([3, 2], "XX", Some(PART), None).unwrap_err().contains("\"XX\" is no orientation"));
-        assert!(Arrangement::new([3, 2], "MF", None, Some("MU")).unwrap_err().contains("\"MU\" is no orientation"));
+        assert!(
+            Arrangement::new([3, 2], "MF", Some(outside), None)
+                .unwrap_err()
+                .contains("not within the frame of 3×2 pixels in MF orientation")
+        );
+        assert!(
+            Arrangement::new([3, 2], "XX", Some(PART), None).unwrap_err().contains("orientation \"XX\" is unknown")
+        );
+        assert!(
+            Arrangement::new([3, 2], "MF", None, Some("MU")).unwrap_err().contains("orientation \"MU\" is unknown")
+        );
         assert_eq!(Arrangement::new([3, 2], "XX", None, None).unwrap().orientation, "XX", "left as it is");
     }
 }

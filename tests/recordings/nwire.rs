@@ -239,11 +239,11 @@ fn refused(folder: &Path, sequence: &Path, sentence: &str) -> Result<(), Failed>
 
 fn mirrored(folder: &Path) -> Result<(), Failed> {
     let (_kept, path) = with_header(folder, "UltrasoundImageOrientation = MFA", "UltrasoundImageOrientation = UFA")?;
-    refused(folder, &path, "the pictures are mirrored")
+    refused(folder, &path, "frames are mirrored")
 }
 
 fn invalid(folder: &Path) -> Result<(), Failed> {
     let (_kept, path) =
         with_header(folder, "ProbeToTrackerTransformStatus = OK", "ProbeToTrackerTransformStatus = INVALID")?;
-    refused(folder, &path, "none has valid poses")
+    refused(folder, &path, "has valid poses of probe and reference")
 }

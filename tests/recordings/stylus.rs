@@ -126,7 +126,7 @@ fn half(path: &Path) -> Result<(), Failed> {
 fn other_tip(path: &Path) -> Result<(), Failed> {
     // This tip is 13 mm from the stylus's own.
     let error = registered(path, &files(path)[1], 0.0, 100.0)?.expect_err("another tip").to_string();
-    assert!(error.contains("stylus tip"), "{error}");
+    assert!(error.contains("the stylus's tip"), "{error}");
     Ok(())
 }
 
@@ -180,7 +180,7 @@ fn still(path: &Path) -> Result<(), Failed> {
 fn unseen(path: &Path) -> Result<(), Failed> {
     let recording = Recording { from: None, to: None, ..part(path, 0.0, 1.0) };
     let error = recording.read().expect_err("its stylus is INVALID throughout").0;
-    assert!(error.contains("none of 97 poses of Stylus can be used") && error.contains("status INVALID"), "{error}");
+    assert!(error.contains("none of 97 poses of Stylus is usable") && error.contains("status INVALID"), "{error}");
     let other = Recording { stylus: "Pointer".into(), ..recording };
     let error = other.read().expect_err("there is no pointer").0;
     assert!(error.contains("holds no frame Pointer, only ") && error.contains("--stylus"), "{error}");

@@ -469,7 +469,7 @@ fn preset_chosen_by_name_refused_if_unfit() {
     let ruler = |px: f64| with_presets("preset = \"far\"", &format!("[scanner]\nruler = {{ px = {px}, mm = 40 }}\n"));
     assert!(ruler(200.5).is_ok());
     let said = ruler(400.0).unwrap_err();
-    assert!(said.contains("ruler") && said.contains("0.2000 mm a pixel, and the scanner's has 0.1000"), "{said}");
+    assert!(said.contains("ruler") && said.contains("0.2000 mm a pixel, but the scanner's has 0.1000"), "{said}");
     assert!(ruler(0.0).unwrap_err().contains("above 0"));
     // A different image size shows only with the first frame.
     let said = far.mask.plan(640, 480).unwrap_err().to_string();
