@@ -50,9 +50,9 @@ fi
 EOF
 chmod +x "$logs/run"
 {
-    sed -En '/\/(cli|recordings|stress|live)-[0-9a-f]*$/p' "$logs/programs"
+    sed -En '/\/(cli|recordings|stress|live|calibration)-[0-9a-f]*$/p' "$logs/programs"
     echo "documentation $PWD doc $(printf '"%s"' "$*")"
-    sed -E '/\/(cli|recordings|stress|live)-[0-9a-f]*$/d' "$logs/programs"
+    sed -E '/\/(cli|recordings|stress|live|calibration)-[0-9a-f]*$/d' "$logs/programs"
 } >"$logs/order"
 code=0
 xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?

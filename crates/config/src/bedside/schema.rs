@@ -6,8 +6,8 @@
 //! schema cannot. `x-at-once` marks keys, or whole sections, whose changes a running session
 //! adopts; `x-required` marks keys without a default.
 //!
-//! - [`values`]: types of keys' values.
-//! - [`devices`], [`session`], [`volume`], [`virtual_bedside`]: the sections.
+//! - `values`: types of keys' values.
+//! - `devices`, `session`, `volume`, `virtual_bedside`: the sections.
 
 pub(crate) mod devices;
 pub(crate) mod session;
