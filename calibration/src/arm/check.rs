@@ -53,7 +53,7 @@ impl Checked {
 /// relies on its own index mark.
 ///
 /// # Errors
-/// [`ArmError`] if there are too few touches, or none of known places.
+/// [`CalibrationError`] if there are too few touches, or none of known places.
 pub fn check(
     arm: &Arm,
     known: &Known<'_>,

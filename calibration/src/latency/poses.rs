@@ -17,7 +17,7 @@ impl Poses {
     /// Interpolates samples in any order.
     ///
     /// # Errors
-    /// [`LatencyError::NotFinite`] for NaN or infinity.
+    /// [`CalibrationError`] for NaN or infinity.
     pub fn new(samples: &[PoseSample]) -> Result<Self, CalibrationError> {
         let mut sorted: Vec<&PoseSample> = samples.iter().collect();
         sorted.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));

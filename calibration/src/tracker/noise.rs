@@ -43,7 +43,7 @@ pub struct Noise {
 /// `seconds` is the time from the first pose to the last.
 ///
 /// # Errors
-/// [`TrackerError`]: too few poses, a moving sensor, or a time too short to exclude motion.
+/// [`CalibrationError`]: too few poses, a moving sensor, or a time too short to exclude motion.
 pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, CalibrationError> {
     if poses.len() < LEAST {
         return Err(TrackerError::FewPoses { poses: poses.len(), least: LEAST }.into());
