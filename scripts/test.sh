@@ -41,7 +41,12 @@ fi
 code=$?
 seconds=$(($(date +%s) - began))
 if [ $code -eq 0 ]; then
-    printf '%6d s  passed  %s\n' $seconds "$name"
+    # Tests that are left out are named; of many, such as the mutants, the number is told.
+    ignored=$(sed -n 's/^test \(.*[^ ]\) *\.\.\. ignored/                  ignored: \1/p' "$logs"/*"$(basename "$program")".log)
+    many=$(printf '%s' "$ignored" | grep -c '' || true)
+    [ "$many" -le 20 ] || ignored="                  ignored: $many tests"
+    printf '%6d s  passed  %s%s\n' $seconds "$name" "${ignored:+
+$ignored}"
 else
     # One write, so that the logs of two programs do not mix.
     printf '%s\n%6d s  FAILED  %s\n' "$(cat "$logs"/*"$(basename "$program")".log)" $seconds "$name"
