@@ -34,7 +34,7 @@ pub struct Devices {
     /// The tracker or arm that carries the probe.
     pub tracking: Box<dyn Device>,
     /// Protocol of its lines, so that a recording's bytes can be decoded again.
-    pub speech: Option<LineProtocol>,
+    pub protocol: Option<LineProtocol>,
     /// To be set when the arm is in its home position; `None` without an arm.
     pub at_home: Option<Arc<AtomicBool>>,
     /// The frame grabber.
@@ -97,7 +97,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
             arm.open_settings(&ports, keeps_raw)
         }
     };
-    let speech = line_protocol(&settings);
+    let protocol = line_protocol(&settings);
     let (tracking, at_home) = match &settings {
         OpenSettings::Arm(_) => {
             let (arm, at_home) = Homed::new(drivers::open(&settings)?);
@@ -116,7 +116,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         }
         _ => drivers::open(&bedside.grabber.open_settings())?,
     };
-    Ok(Devices { tracking, speech, at_home, grabber, twins })
+    Ok(Devices { tracking, protocol, at_home, grabber, twins })
 }
 
 /// Converts MF frames of that size to the grabber's orientation.
@@ -166,12 +166,12 @@ fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64)
         VirtualBedside::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.to_string()))?;
     let joints = Arc::new(carried).joints();
     let lines: std::io::Result<Vec<Pty>> = match arm.kind {
-        ArmKind::Ea1(speech) => {
+        ArmKind::Ea1(protocol) => {
             let mut twin = simulated::ea1::Twin::new(joints, faults);
             twin.counts_per_turn = [counts_per_turn; 3];
             twin.homed = 7;
             twin.set_clock(now_ns, 0);
-            twin.bare = speech == ea1::Speech::BareNumbers;
+            twin.bare = protocol == ea1::Speech::BareNumbers;
             if twin.bare {
                 // The driver cannot query this setting.
                 twin.rate_hz = arm.settings.rate_hz;

@@ -151,11 +151,11 @@ fn started(account: &SessionStatus) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pipeline::live::DeviceBoard;
+    use pipeline::live::DeviceStatus;
 
     #[test]
     fn session_started_when_devices_run_or_report_errors() {
-        let device = |state, why: &str, set_up| DeviceBoard {
+        let device = |state, why: &str, set_up| DeviceStatus {
             name: "tracking".into(),
             state,
             why: why.into(),
@@ -166,7 +166,7 @@ mod tests {
             last_reading_s_ago: None,
             clocks: Vec::new(),
         };
-        let of = |devices: Vec<DeviceBoard>| started(&SessionStatus { devices, ..SessionStatus::default() });
+        let of = |devices: Vec<DeviceStatus>| started(&SessionStatus { devices, ..SessionStatus::default() });
         assert!(of(vec![device("running", "", 1), device("absent", "no such file; plug it in", 0)]));
         assert!(!of(vec![device("running", "", 1), device("starting", "", 0)]));
         assert!(!of(vec![device("stopped", "", 0)]));

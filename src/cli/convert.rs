@@ -15,7 +15,7 @@ use sonoweave_core::region::ClipRect;
 use sync::ingest::live::Gives;
 
 use super::dicom::flags::is_dicom;
-use super::live::stages::{Kept, instruments};
+use super::live::stages::{Kept, roles};
 use super::{Failure, input, values};
 use crate::convert::pictures::Pictures;
 use crate::convert::placing::{self, Delivered, Placing, Rules};
@@ -198,22 +198,22 @@ impl Arguments {
             wait_ns: bedside.pairing.wait_ns,
             longest_gap_ns: bedside.pairing.longest_gap_ns,
         });
-        let mut instruments: Vec<DeviceRole> =
-            bedside.as_ref().and_then(|bedside| instruments(bedside).ok()).map_or_else(Vec::new, Vec::from);
+        let mut roles: Vec<DeviceRole> =
+            bedside.as_ref().and_then(|bedside| roles(bedside).ok()).map_or_else(Vec::new, Vec::from);
         for Delivered { device, stations, pictures } in placing::delivered(&self.input)? {
-            if instruments.iter().all(|one| one.name != device) && !stations.is_empty() {
+            if roles.iter().all(|one| one.name != device) && !stations.is_empty() {
                 eprintln!(
                     "sonoweave: note: {}: the latencies of {device} and of the frames are unknown; times of reception \
                     are used",
                     self.input.display()
                 );
             }
-            let at = instruments.iter().position(|one| one.name == device).unwrap_or_else(|| {
+            let at = roles.iter().position(|one| one.name == device).unwrap_or_else(|| {
                 let gives = if pictures { Gives::Pictures } else { Gives::Stations(Vec::new()) };
-                instruments.push(DeviceRole { name: device, gives, frames: Vec::new(), latency_ns: 0 });
-                instruments.len() - 1
+                roles.push(DeviceRole { name: device, gives, frames: Vec::new(), latency_ns: 0 });
+                roles.len() - 1
             });
-            let DeviceRole { gives: Gives::Stations(known), frames, .. } = &mut instruments[at] else { continue };
+            let DeviceRole { gives: Gives::Stations(known), frames, .. } = &mut roles[at] else { continue };
             for station in stations.into_iter().filter(|station| !known.contains(station)).collect::<Vec<_>>() {
                 known.push(station);
                 frames.push([format!("Sensor{station}"), TRACKER_FRAME.to_owned()]);
@@ -225,10 +225,10 @@ impl Arguments {
             }
         }
         // A session made from a sequence already contains the sequence's transforms and times.
-        if instruments.iter().all(|instrument| instrument.frames.is_empty()) {
+        if roles.iter().all(|role| role.frames.is_empty()) {
             return Ok(Placing::default());
         }
-        Ok(Placing::read(&self.input, instruments, rules)?)
+        Ok(Placing::read(&self.input, roles, rules)?)
     }
 
     fn open(&self, is_session: bool, images: bool) -> Result<Box<dyn Device>, Failure> {

@@ -6,6 +6,7 @@ pub(super) mod filling;
 pub(super) mod flags;
 mod one;
 pub(super) mod outputs;
+pub(super) mod sweep;
 mod weighing;
 
 use std::path::PathBuf;
@@ -14,7 +15,7 @@ use clap::Args;
 
 use super::Failure;
 use flags::Flags;
-use one::weave;
+use one::reconstruct;
 
 /// Flags of `reconstruct`.
 #[derive(Debug, Args)]
@@ -49,7 +50,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { sequences, output, flags } = arguments;
     match sequences.as_slice() {
-        [sequence] => weave(sequence, output, flags, flags.beside.clone()).map(drop),
+        [sequence] => reconstruct(sequence, output, flags, flags.beside.clone()).map(drop),
         _ => batch::run(sequences, output, flags),
     }
 }

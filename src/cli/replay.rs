@@ -11,13 +11,12 @@ mod showing;
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use clap::{Args, ValueEnum};
 
-use drivers::OpenSettings;
 use drivers::replay::Pace;
-use pipeline::{self, InsertedSlice, Job, Observer, Outcome};
+use pipeline::{InsertedSlice, Observer, Outcome};
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
@@ -25,6 +24,7 @@ use super::igtl::Sharing;
 use super::live::outputs::Outputs;
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
+use super::reconstruct::sweep::Sweep;
 use super::render::check_png;
 use super::render::look::{Look, Mode};
 use super::{Failure, input, values};
@@ -135,23 +135,20 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
             "--all: has no effect for a sequence, whose frames are never dropped; leave it out".into(),
         ));
     }
-    let (request, mut job) = {
+    let (request, mut sweep) = {
         let Arguments { sequence, output, flags, .. } = arguments;
         Request::new(sequence, output.as_deref(), flags, flags.beside.clone())?
     };
-    if let OpenSettings::Sequence(sequence) = &mut job.input {
-        sequence.pace = arguments.speed;
-    }
+    sweep.input.pace = arguments.speed;
     let series = arguments.series()?;
-    let threads = job.settings.threads;
+    let threads = sweep.session.settings.threads;
+    let picture = arguments.picture.as_deref();
     if arguments.look.mode == Mode::Slice {
-        let mut planes = Planes::new(&arguments.look, arguments.flags.window, threads, series, arguments.from);
-        let outcome = reconstruct(job, |slice| planes.look(slice))?;
-        let statistics = planes.finish(arguments.picture.as_deref(), &outcome)?;
+        let planes = Planes::new(&arguments.look, arguments.flags.window, threads, series, arguments.from);
+        let (outcome, planes) = reconstruct(sweep, planes)?;
+        let statistics = planes.lock().finish(picture, &outcome)?;
         request.finish(outcome, statistics.as_ref())?;
-        if let Some(statistics) = &statistics {
-            planes::report(statistics, arguments.picture.as_ref());
-        }
+        statistics.iter().for_each(|statistics| planes::report(statistics, picture));
         return Ok(());
     }
     let mut following = Following::new(&arguments.look, arguments.flags.window, threads, series);
@@ -162,37 +159,42 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
         CacheName::OneLevel => Cache::OneLevel,
     };
     following.cache_bytes = arguments.cache_bytes;
-    let outcome = reconstruct(job, |slice| following.look(slice))?;
-    let statistics = following.finish(arguments.picture.as_deref())?;
+    let (outcome, following) = reconstruct(sweep, following)?;
+    let statistics = following.lock().finish(picture)?;
     request.finish(outcome, statistics.as_ref())?;
-    if let Some(statistics) = &statistics {
-        following::report(statistics, arguments.picture.as_deref());
-    }
+    statistics.iter().for_each(|statistics| following::report(statistics, picture));
     Ok(())
 }
 
-/// Calls a function with each inserted slice.
-struct EachSlice<F>(Mutex<F>);
+/// Pictures that follow the volume, rendered after each slice before the next is inserted.
+trait Follow: Send {
+    /// Renders what a slice has changed.
+    ///
+    /// # Errors
+    /// [`Failure`] when a picture cannot be drawn or written.
+    fn follow(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), Failure>;
+}
 
-impl<F: FnMut(&InsertedSlice<'_>) -> Result<(), Failure> + Send> Observer for EachSlice<F> {
-    fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        let mut look = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        look(inserted).map_err(|Failure(sentence)| sentence.into())
+/// Observer that lets pictures follow each slice.
+struct Follower<F>(Mutex<F>);
+
+impl<F> Follower<F> {
+    fn lock(&self) -> MutexGuard<'_, F> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Reconstructs a recording; calls `look` with each inserted slice.
-fn reconstruct(
-    job: Job,
-    look: impl FnMut(&InsertedSlice<'_>) -> Result<(), Failure> + Send,
-) -> Result<Outcome, Failure> {
-    let bar = input::progress("replaying", 1);
-    let result = pipeline::reconstruct(job, &EachSlice(Mutex::new(look)), |p| {
-        bar.set_length(p.total);
-        bar.set_position(p.done);
-    });
-    bar.finish_and_clear();
-    Ok(result?)
+impl<F: Follow> Observer for Follower<F> {
+    fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        self.lock().follow(inserted).map_err(|Failure(sentence)| sentence.into())
+    }
+}
+
+/// Reconstructs a sweep, followed by pictures.
+fn reconstruct<F: Follow + 'static>(mut sweep: Sweep, follow: F) -> Result<(Outcome, Arc<Follower<F>>), Failure> {
+    let follower = Arc::new(Follower(Mutex::new(follow)));
+    sweep.session.observers.push(Arc::clone(&follower) as Arc<dyn Observer>);
+    Ok((sweep.reconstruct("replaying")?, follower))
 }
 
 impl Arguments {

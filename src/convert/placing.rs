@@ -101,16 +101,16 @@ impl Placing {
     ///
     /// # Errors
     /// Errors of the recording.
-    pub fn read(session: &Path, instruments: Vec<DeviceRole>, rules: Rules) -> Result<Self, Error> {
+    pub fn read(session: &Path, roles: Vec<DeviceRole>, rules: Rules) -> Result<Self, Error> {
         let mut first_sensors = Vec::new();
         let mut sensors = Vec::new();
-        for instrument in &instruments {
+        for role in &roles {
             first_sensors.push(sensors.len());
-            sensors.extend(instrument.frames.iter().cloned());
+            sensors.extend(role.frames.iter().cloned());
         }
-        let grabs: Vec<bool> = instruments.iter().map(|one| matches!(one.gives, Gives::Pictures)).collect();
+        let grabs: Vec<bool> = roles.iter().map(|one| matches!(one.gives, Gives::Pictures)).collect();
         let mut waiting = Waiting::new(sensors.len(), rules);
-        walk(session, false, instruments, Latencies::AsTold, |device, live| match live {
+        walk(session, false, roles, Latencies::AsRecorded, |device, live| match live {
             Live::Pose { source, sample, .. } => waiting.feel(first_sensors[device] + source, sample),
             Live::Picture { picture, timed } => waiting.see(picture.head.stamp.item, &timed),
             Live::Refused(refusal) if grabs[device] => waiting.see_nothing(refusal.item),
@@ -254,7 +254,7 @@ mod tests {
             [Delivered { stations: vec![7], ..named("a tracker") }, Delivered { pictures: true, ..named("a grabber") }]
         );
         let latency_ns = 4 * MS;
-        let instruments = vec![
+        let roles = vec![
             DeviceRole {
                 name: "a tracker".into(),
                 gives: Gives::Stations(vec![7]),
@@ -263,7 +263,7 @@ mod tests {
             },
             DeviceRole { name: "a grabber".into(), gives: Gives::Pictures, frames: Vec::new(), latency_ns },
         ];
-        let placing = Placing::read(&path, instruments, Rules::default()).unwrap();
+        let placing = Placing::read(&path, roles, Rules::default()).unwrap();
         assert_eq!(placing.sensors, [["Probe".to_owned(), "Tracker".to_owned()]]);
         for item in 0..25 {
             let ms = 33.0 * item as f64 - 4.0;

@@ -82,8 +82,8 @@ pub fn session(
         told(n + 1);
         Ok(())
     })?;
-    let account = writer.finish(last)?;
-    if account.lost > 0 {
+    let status = writer.finish(last)?;
+    if status.lost > 0 {
         let source = std::io::Error::other("not all frames were written; free some disk space, and convert again");
         return Err(io(source));
     }

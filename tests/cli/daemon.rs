@@ -233,12 +233,12 @@ fn trace_is_complete_after_sigint() {
         let of = events.iter().filter(|event| event["name"] == name && event["ph"] == phase);
         of.map(|event| event["args"]["frame"].as_u64().unwrap()).collect()
     };
-    let woven = frames("weave", "X");
+    let inserted = frames("insert", "X");
     let stats = session.place.json("s.json");
     let used = stats["frames"]["used"].as_u64().unwrap();
-    assert!(used > 20 && woven.len() as u64 >= used, "{used} used, {} woven", woven.len());
+    assert!(used > 20 && inserted.len() as u64 >= used, "{used} used, {} inserted", inserted.len());
     for (stage, phase) in [("capture", "X"), ("pair", "X"), ("wait for pose", "b"), ("record", "X")] {
-        let missing: Vec<_> = woven.difference(&frames(stage, phase)).copied().collect();
+        let missing: Vec<_> = inserted.difference(&frames(stage, phase)).copied().collect();
         assert!(missing.is_empty(), "{stage} lacks {missing:?}");
     }
     // A picture shows several slices; the last one shows all.
@@ -251,7 +251,7 @@ fn trace_is_complete_after_sigint() {
         .filter(|event| event["name"] == "thread_name")
         .filter_map(|event| event["args"]["name"].as_str())
         .collect();
-    for thread in ["capture-grabber", "pairing", "weave", "picture", "recorder"] {
+    for thread in ["capture-grabber", "pairing", "insertion", "picture", "recorder"] {
         assert!(names.contains(thread), "{names:?}");
     }
     let left_out = events.iter().find(|event| event["name"] == "left_out").unwrap();
@@ -290,8 +290,8 @@ fn reconstruct_writes_trace() {
     place.does("phantom -o s.mha --image-size 150x136 --pixel 0.2 --frames 12 --gap 0.4");
     place.does("reconstruct s.mha -o v.mha --clip none --trace t.json");
     let events = place.json("t.json");
-    let woven = events.as_array().unwrap().iter().filter(|event| event["name"] == "weave").count();
-    assert_eq!(woven, 12, "{events}");
+    let inserted = events.as_array().unwrap().iter().filter(|event| event["name"] == "insert").count();
+    assert_eq!(inserted, 12, "{events}");
 }
 
 #[test]

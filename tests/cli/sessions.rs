@@ -69,7 +69,7 @@ fn fates(stats: &Value) -> [Value; 3] {
     let readings = &stats["readings"][0];
     let of_readings = ["total", "used", "refused", "dropped"].map(|key| readings[key].clone());
     let frames = ["total", "used", "refused", "dropped", "waiting"].map(|key| stats["frames"][key].clone());
-    [Value::from(frames.to_vec()), Value::from(of_readings.to_vec()), stats["seal"].clone()]
+    [Value::from(frames.to_vec()), Value::from(of_readings.to_vec()), stats["digest"].clone()]
 }
 
 /// A daemon that runs in the folder.
@@ -120,7 +120,7 @@ fn session_replays_to_equal_bits_at_any_speed() {
     let session = recorded(&place, 3.0);
     let live = place.json("live.json");
     assert!(live["frames"]["used"].as_u64().unwrap() > 20, "{live}");
-    assert!(live["seal"]["volume_sha256"].is_string() && live["seal"]["picture_sha256"].is_string(), "{live}");
+    assert!(live["digest"]["volume_sha256"].is_string() && live["digest"]["picture_sha256"].is_string(), "{live}");
     for speed in ["max", "3", "1.5"] {
         let run = place.run(&format!("replay {session} --speed {speed} {AGAIN}"));
         assert_eq!(run.code, 0, "{speed}: {}", run.stderr);
@@ -172,7 +172,7 @@ fn killed_session_is_resumed_and_both_replay_as_one() {
     let run = place.run(&format!("replay {} {AGAIN}", first.display()));
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains("broken off") && !run.stderr.contains(SAME), "{}", run.stderr);
-    let before = place.json("again.json")["seal"]["slices"].as_u64().unwrap();
+    let before = place.json("again.json")["digest"]["slices"].as_u64().unwrap();
     assert!(before > 10, "{before}");
     // Continued.
     let run = place.run(&format!(
@@ -182,7 +182,7 @@ fn killed_session_is_resumed_and_both_replay_as_one() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains(&format!(": {before} slices are in the volume")), "{}", run.stderr);
     let live = place.json("live.json");
-    let slices = live["seal"]["slices"].as_u64().unwrap();
+    let slices = live["digest"]["slices"].as_u64().unwrap();
     assert_eq!(slices, before + live["frames"]["used"].as_u64().unwrap());
     let second = sessions(&place, "sessions")[1].display().to_string();
     let run = place.run(&format!("replay {second} {AGAIN}"));

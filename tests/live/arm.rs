@@ -55,8 +55,8 @@ fn set(arm: Box<dyn sonoweave_core::Device>) -> Set {
     Set { tracking: arm, gives, ..Set::of(poses(0, 0), grabber(50.0)).waits(500 * MS) }
 }
 
-fn refused(account: &SessionStatus, reason: Reason) -> u64 {
-    account.ledger.frames.refused.get(&reason).copied().unwrap_or(0)
+fn refused(status: &SessionStatus, reason: Reason) -> u64 {
+    status.ledger.frames.refused.get(&reason).copied().unwrap_or(0)
 }
 
 #[test]
@@ -76,12 +76,12 @@ fn arm_is_unused_until_its_index_marks_are_passed() {
     twin.marks = [Some(2000); 3];
     let line = Line::new(twin);
     let opened = opened(&line);
-    let (finished, seen) = set(opened.tracking).until(|account, _| {
-        if moved_ns.load(Ordering::Relaxed) == i64::MAX && refused(account, Reason::PoseInvalid) >= 10 {
-            assert_eq!(account.ledger.frames.used, 0);
+    let (finished, seen) = set(opened.tracking).until(|status, _| {
+        if moved_ns.load(Ordering::Relaxed) == i64::MAX && refused(status, Reason::PoseInvalid) >= 10 {
+            assert_eq!(status.ledger.frames.used, 0);
             moved_ns.store(Monotonic.now_ns(), Ordering::Relaxed);
         }
-        account.ledger.frames.used >= 30
+        status.ledger.frames.used >= 30
     });
     let (total, used, reasons) = frames(&finished);
     assert!(
@@ -89,11 +89,11 @@ fn arm_is_unused_until_its_index_marks_are_passed() {
         "{reasons:?}"
     );
     assert_eq!(total, used + reasons.iter().map(|(_, count)| count).sum::<u64>());
-    let first = &finished.account.ledger.first_refusals[&Reason::PoseInvalid];
+    let first = &finished.status.ledger.first_refusals[&Reason::PoseInvalid];
     assert!(first.detail.starts_with("ProbeToTracker: ") && first.detail.contains(NOT_HOMED), "{first:?}");
     assert!(seen.said(0, "running", NOT_HOMED), "{:?}", seen.devices[0]);
     assert_eq!(seen.devices[0].iter().rev().find(|(state, _)| *state == "running").unwrap().1, "", "then all is well");
-    let readings = &finished.account.ledger.readings[0];
+    let readings = &finished.status.ledger.readings[0];
     let not_homed: u64 = readings.refused.values().sum();
     assert!(not_homed > 0 && readings.used > 0 && readings.total == readings.used + not_homed, "{readings:?}");
 }
@@ -103,23 +103,23 @@ fn replugged_arm_must_be_homed_again_by_the_user() {
     let mut twin = ea1::Twin::new(joints(), Faults::default());
     twin.homed = 7;
     let mut line = Line::new(twin);
-    let Devices { tracking, at_home, speech, .. } = opened(&line);
-    assert_eq!(speech.unwrap().protocol, "ea1");
+    let Devices { tracking, at_home, protocol, .. } = opened(&line);
+    assert_eq!(protocol.unwrap().protocol, "ea1");
     let at_home = at_home.unwrap();
     let mut phase = 0;
     let mut mark = 0;
-    let (finished, seen) = set(tracking).until(|account, _| {
-        let used = account.ledger.frames.used;
+    let (finished, seen) = set(tracking).until(|status, _| {
+        let used = status.ledger.frames.used;
         match phase {
             0 if used >= 20 => {
                 line.pull();
                 phase = 1;
             }
-            1 if account.devices[0].state == "absent" => {
+            1 if status.devices[0].state == "absent" => {
                 line.plug_in();
-                (phase, mark) = (2, refused(account, Reason::PoseInvalid));
+                (phase, mark) = (2, refused(status, Reason::PoseInvalid));
             }
-            2 if refused(account, Reason::PoseInvalid) >= mark + 10 => {
+            2 if refused(status, Reason::PoseInvalid) >= mark + 10 => {
                 at_home.store(true, Ordering::Relaxed);
                 (phase, mark) = (3, used);
             }

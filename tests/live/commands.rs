@@ -60,16 +60,16 @@ fn freezing_and_clearing_are_repeated_by_the_replay() {
     );
     set.looks = Some(Arc::clone(&eye) as Arc<dyn ViewClient>);
     let mut done = 0;
-    let (live, _) = set.instructed(|account, _| {
-        let used = account.ledger.frames.used;
-        let frozen = account.ledger.frames.refused.get(&Reason::Frozen).copied().unwrap_or(0);
+    let (live, _) = set.instructed(|status, _| {
+        let used = status.ledger.frames.used;
+        let frozen = status.ledger.frames.refused.get(&Reason::Frozen).copied().unwrap_or(0);
         let (due, command) = match done {
             0 => (used >= 20, Command::Freeze(true)),
             1 => (frozen >= 10, Command::Freeze(false)),
             2 => (used >= 40, Command::Clear),
             _ => (false, Command::Clear),
         };
-        assert!(account.frozen || done != 1 || frozen == 0, "what is frozen says so");
+        assert!(status.frozen || done != 1 || frozen == 0, "what is frozen says so");
         Some(if due {
             done += 1;
             vec![command.into()]
@@ -85,17 +85,17 @@ fn freezing_and_clearing_are_repeated_by_the_replay() {
     // The slices before the clearing and those while frozen are absent; the later ones are
     // present.
     assert!(!seen_at(&live, height_mm(5 * FRAME)) && seen_at(&live, height_mm((FRAMES as i64 - 2) * FRAME)));
-    let seal = live.seal.clone().unwrap();
-    assert!(seal.slices < used && seal.slices >= 5, "{seal:?} of {used}");
-    assert_eq!(live.account.volume.unwrap().slices, seal.slices);
+    let digest = live.digest.clone().unwrap();
+    assert!(digest.slices < used && digest.slices >= 5, "{digest:?} of {used}");
+    assert_eq!(live.status.volume.unwrap().slices, digest.slices);
     assert!(eye.blanks.load(Ordering::Relaxed) >= 1, "a volume that is cleared is seen to be empty");
     assert!(!eye.blank.load(Ordering::Relaxed));
     for pace in [Pace::Unpaced, Pace::Factor(4.0)] {
-        let (replayed, precedent) = again(&disk, SECOND, pace, false, |session, _| {
+        let (replayed, decisions) = again(&disk, SECOND, pace, false, |session, _| {
             session.view_client = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
         });
-        assert_eq!(precedent.differences().first, None);
-        assert_eq!(replayed.seal.as_ref(), Some(&seal));
+        assert_eq!(decisions.differences().first, None);
+        assert_eq!(replayed.digest.as_ref(), Some(&digest));
         assert_eq!(frames(&replayed), (total, used, refused.clone()));
     }
 }
@@ -111,25 +111,25 @@ fn cleared_empty_volume_gives_no_outputs() {
     );
     set.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
     let mut done = false;
-    let (live, _) = set.instructed(|account, _| {
-        let due = !done && account.ledger.frames.used >= 20;
+    let (live, _) = set.instructed(|status, _| {
+        let due = !done && status.ledger.frames.used >= 20;
         done |= due;
         Some(if due { vec![Command::Freeze(true).into(), Command::Clear.into()] } else { Vec::new() })
     });
-    assert!(live.outcome.is_none() && live.drawn.is_none() && live.account.volume.is_none());
-    let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |session, _| {
+    assert!(live.outcome.is_none() && live.drawn.is_none() && live.status.volume.is_none());
+    let (replayed, decisions) = again(&disk, SECOND, Pace::Unpaced, false, |session, _| {
         session.view_client = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
     });
-    assert_eq!(precedent.differences().first, None);
-    assert_eq!(replayed.seal, live.seal);
+    assert_eq!(decisions.differences().first, None);
+    assert_eq!(replayed.digest, live.digest);
 }
 
 #[test]
 fn stop_command_ends_session_with_slices_so_far() {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, FRAMES), all_frames(begin_ns, FRAMES)).waits(SECOND);
-    let (live, _) = set.instructed(|account, _| {
-        let due = account.ledger.frames.used >= 20;
+    let (live, _) = set.instructed(|status, _| {
+        let due = status.ledger.frames.used >= 20;
         Some(if due { vec![Command::Stop.into()] } else { Vec::new() })
     });
     let (_, used, _) = frames(&live);
@@ -177,14 +177,14 @@ fn ended_session_is_rendered_and_read_while_viewed() {
         ..stages(SECOND, Some(Arc::clone(&eye) as Arc<dyn ViewClient>))
     };
     let held = run(&session, set.inputs(), &Monotonic, &AtomicBool::new(false), |_| Vec::new()).unwrap();
-    assert_eq!(held.account().ledger.frames.used, 30);
-    assert!(held.is_woven() && once.got.lock().unwrap().is_none());
+    assert_eq!(held.status().ledger.frames.used, 30);
+    assert!(held.has_volume() && once.got.lock().unwrap().is_none());
     let before = eye.pictures.load(Ordering::Relaxed);
     assert!(eye.moments.swap(0, Ordering::Relaxed) > 0, "who looks may ask");
     once.wants.store(true, Ordering::Relaxed);
     let (ends, began) = (AtomicBool::new(false), Instant::now());
-    held.linger(&ends, |account| {
-        assert_eq!(account.ledger.frames.used, 30);
+    held.serve(&ends, |status| {
+        assert_eq!(status.ledger.frames.used, 30);
         let drawn = eye.pictures.load(Ordering::Relaxed) > before && eye.moments.load(Ordering::Relaxed) > 2;
         let seen = drawn && once.got.lock().unwrap().is_some();
         ends.store(seen || began.elapsed() > Duration::from_secs(30), Ordering::Relaxed);

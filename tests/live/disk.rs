@@ -72,17 +72,17 @@ impl Read {
 /// Checks that everything received is in the file or reported as lost, by kind.
 fn agrees(finished: &Finished, read: &Read) {
     let recording = finished.recording.as_ref().unwrap();
-    let Recording { account, lost, after_end, .. } = recording;
-    let ledger = &finished.account.ledger;
+    let Recording { status, lost, after_end, .. } = recording;
+    let ledger = &finished.status.ledger;
     assert_eq!((read.ending, read.damaged), (Some(Ending::Finished), false));
     assert!(read.times.is_sorted(), "times go forward");
     let in_file = read.frame_numbers.len() as u64;
     let of_frames = read.lost("/image") + lost.frames + after_end.frames;
     assert_eq!(ledger.frames.total, in_file + of_frames, "{recording:?}");
     // Every message given to the writer was written or reported.
-    assert_eq!(account.messages, account.stored + account.lost, "{account:?}");
-    assert_eq!(account.stored, read.messages);
-    assert_eq!(account.lost, read.losses.iter().map(Loss::messages).sum::<u64>());
+    assert_eq!(status.messages, status.stored + status.lost, "{status:?}");
+    assert_eq!(status.stored, read.messages);
+    assert_eq!(status.lost, read.losses.iter().map(Loss::messages).sum::<u64>());
     if lost.total() > 0 {
         let told: serde_json::Value = serde_json::from_str(read.notes_of("lost").last().unwrap()).unwrap();
         assert_eq!((told["frames"].as_u64(), told["others"].as_u64()), (Some(lost.frames), Some(lost.others)));
@@ -135,8 +135,8 @@ fn temporary_disk_failure_stops_nothing_and_losses_are_counted() {
         let refuses = Arc::new(AtomicBool::new(false));
         let disk = Refusing { disk: Memory::default(), why, refuses: Arc::clone(&refuses) };
         let set = Set::of(poses(begin_ns, 75), all_frames(begin_ns, 75)).recorded(disk.clone(), tight(), 0);
-        let (finished, seen) = set.until(|account, _| {
-            refuses.store((15..50).contains(&account.ledger.frames.total), Ordering::Relaxed);
+        let (finished, seen) = set.until(|status, _| {
+            refuses.store((15..50).contains(&status.ledger.frames.total), Ordering::Relaxed);
             false
         });
         assert_eq!(frames(&finished), (75, 75, vec![]), "the volume has them all");
@@ -144,10 +144,10 @@ fn temporary_disk_failure_stops_nothing_and_losses_are_counted() {
         agrees(&finished, &read);
         assert!(read.lost("/image") > 0, "{why}: {:?}", finished.recording);
         let recording = finished.recording.as_ref().unwrap();
-        assert_eq!((recording.account.failures, recording.account.trouble.as_str()), (1, ""));
+        assert_eq!((recording.status.failures, recording.status.trouble.as_str()), (1, ""));
         assert!(read.losses[0].why.contains("writing the session"), "{:?}", read.losses);
         // The status reports the losses too, during the failure or at least at the end.
-        assert_eq!(seen.written.last().unwrap().lost, recording.account.lost);
+        assert_eq!(seen.written.last().unwrap().lost, recording.status.lost);
     }
 }
 
@@ -157,16 +157,16 @@ fn full_disk_leaves_file_valid_up_to_that_point() {
     let refuses = Arc::new(AtomicBool::new(false));
     let disk = Refusing { disk: Memory::default(), why: ErrorKind::StorageFull, refuses: Arc::clone(&refuses) };
     let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60)).recorded(disk.clone(), tight(), 0);
-    let (finished, seen) = set.until(|account, _| {
-        refuses.store(account.ledger.frames.total >= 20, Ordering::Relaxed);
+    let (finished, seen) = set.until(|status, _| {
+        refuses.store(status.ledger.frames.total >= 20, Ordering::Relaxed);
         false
     });
     assert_eq!(frames(&finished), (60, 60, vec![]));
-    let account = &finished.recording.as_ref().unwrap().account;
-    assert!(account.trouble.contains("memory.mcap") && account.lost > 0, "{account:?}");
-    assert_eq!(seen.written.last().unwrap().trouble, account.trouble, "and on the board");
+    let status = &finished.recording.as_ref().unwrap().status;
+    assert!(status.trouble.contains("memory.mcap") && status.lost > 0, "{status:?}");
+    assert_eq!(seen.written.last().unwrap().trouble, status.trouble, "and on the status");
     let read = read(&disk.disk.bytes());
-    assert_eq!((read.ending, read.damaged, read.messages), (Some(Ending::BrokenOff), false, account.stored));
+    assert_eq!((read.ending, read.damaged, read.messages), (Some(Ending::BrokenOff), false, status.stored));
     assert!(
         read.frame_numbers.len() >= 10 && read.frame_numbers.iter().copied().eq(0..read.frame_numbers.len() as u64)
     );
@@ -214,17 +214,17 @@ fn slow_disk_loses_recorded_frames_first_and_no_slices() {
     let (disk, slow) = (Memory::default(), Arc::new(AtomicBool::new(true)));
     let store = Slow { disk: disk.clone(), each: Duration::from_millis(500), slow: Arc::clone(&slow) };
     let set = Set::of(Script::new("a fast tracker", timing, acts), all_frames(begin_ns, 60));
-    let (finished, seen) = set.recorded(store, tight(), 0).until(|account, _| {
+    let (finished, seen) = set.recorded(store, tight(), 0).until(|status, _| {
         // After all frames have arrived, the disk is fast again.
-        slow.store(account.ledger.frames.total < 60, Ordering::Relaxed);
+        slow.store(status.ledger.frames.total < 60, Ordering::Relaxed);
         false
     });
     assert_eq!(frames(&finished), (60, 60, vec![]), "acquisition is not slowed");
-    assert_eq!(finished.account.ledger.readings[0].used, 8000);
+    assert_eq!(finished.status.ledger.readings[0].used, 8000);
     agrees(&finished, &read(&disk.bytes()));
     let lost = finished.recording.as_ref().unwrap().lost;
     assert!(lost.frames > 0, "{lost:?}");
-    assert!(seen.written.last().unwrap().lost >= lost.total(), "said on the board");
+    assert!(seen.written.last().unwrap().lost >= lost.total(), "said on the status");
 }
 
 /// A disk with limited space.
@@ -273,7 +273,7 @@ fn recording_ends_properly_before_free_space_limit() {
     let store = Small { disk: disk.clone(), free: Arc::clone(&free) };
     let options = WriterOptions { chunk_ns: 50 * MS, ..WriterOptions::new("a test") };
     let set = Set::of(poses(begin_ns, 200), grabber).waits(SECOND).recorded(store, options, KEEP);
-    let (finished, seen) = set.until(|account, _| account.ledger.frames.total >= 150);
+    let (finished, seen) = set.until(|status, _| status.ledger.frames.total >= 150);
     let left = free.load(Ordering::Relaxed);
     assert!((KEEP..KEEP + (1 << 20) + 50_000).contains(&left), "{left}");
     let recording = finished.recording.as_ref().unwrap();
@@ -285,7 +285,7 @@ fn recording_ends_properly_before_free_space_limit() {
     agrees(&finished, &read);
     assert!(read.notes_of("end")[0].contains("so that 50 MB stay free"), "and in the session");
     // Acquisition continued: far more frames were used than recorded.
-    assert!(finished.account.ledger.frames.used > read.frame_numbers.len() as u64 + 50, "{}", finished.account.ledger);
+    assert!(finished.status.ledger.frames.used > read.frame_numbers.len() as u64 + 50, "{}", finished.status.ledger);
 }
 
 #[test]

@@ -29,8 +29,8 @@ fn disordered_frames_are_counted_once_with_correct_poses() {
     }
     let (finished, _) = Set::of(poses(begin_ns, 40), Script::new("a grabber", video(), acts)).run();
     assert_eq!(frames(&finished), (39, 38, vec![(Reason::Repeated, 1)]));
-    assert_eq!(finished.account.ledger.frames.lost, 2);
-    assert_eq!(finished.account.ledger.first_refusals[&Reason::Repeated].item, 9);
+    assert_eq!(finished.status.ledger.frames.lost, 2);
+    assert_eq!(finished.status.ledger.first_refusals[&Reason::Repeated].item, 9);
     for n in [7, 8, 9, 13, 18, 21, 23, 30] {
         assert!(seen_at(&finished, height_mm(n * FRAME)), "{n}");
     }
@@ -61,7 +61,7 @@ fn disordered_and_repeated_poses_are_used() {
         let tracker = Script::new("a tracker", poses_timing(counts), acts);
         let (finished, _) = Set::of(tracker, all_frames(begin_ns, 40)).run();
         assert_eq!(frames(&finished), (40, 40, vec![]), "{counts}");
-        let readings = &finished.account.ledger.readings[0];
+        let readings = &finished.status.ledger.readings[0];
         assert_eq!((readings.total, readings.used), (given, given));
         assert!((0..40).all(|n| seen_at(&finished, height_mm(n * FRAME))));
     }
@@ -77,8 +77,8 @@ fn lost_grabber_frames_are_counted_by_number_gaps() {
     let disk = Memory::default();
     let set =
         Set::of(poses(begin(), 100), grabber).waits(SECOND).recorded(disk.clone(), WriterOptions::new("a test"), 0);
-    let (finished, _) = set.until(|account, _| account.ledger.frames.total >= 200);
-    let ledger = &finished.account.ledger;
+    let (finished, _) = set.until(|status, _| status.ledger.frames.total >= 200);
+    let ledger = &finished.status.ledger;
     let read = read(&disk.bytes());
     let numbers = &read.frame_numbers;
     assert_eq!(numbers.len() as u64, ledger.frames.total);

@@ -53,14 +53,14 @@ fn stuck_viewer_delays_no_slice_and_skips_are_counted() {
     let answers = Arc::new(AtomicBool::new(false));
     let mut woven_meanwhile = 0;
     let set = looked_at(Viewer { answers: Arc::clone(&answers), unable: false, most_hz: 1e9 });
-    let (finished, _) = set.until(|account, _| {
+    let (finished, _) = set.until(|status, _| {
         if !answers.load(Ordering::Relaxed) {
-            woven_meanwhile = account.ledger.frames.used;
+            woven_meanwhile = status.ledger.frames.used;
             answers.store(woven_meanwhile >= 30, Ordering::Relaxed);
         }
         false
     });
-    assert!(woven_meanwhile >= 30, "slices are woven while nobody answers");
+    assert!(woven_meanwhile >= 30, "slices are inserted while nobody answers");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     let drawn = finished.drawn.as_ref().unwrap();
     // Each slice is rendered by itself or with a later one.
@@ -75,7 +75,7 @@ fn failing_viewer_is_reported_and_volume_is_complete() {
     let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: true, most_hz: 30.0 }).run();
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     assert!(finished.drawn.is_none() && finished.outcome.is_some());
-    let notes = &finished.account.notes;
+    let notes = &finished.status.notes;
     assert!(notes.iter().any(|note| note == "no picture: there is no such transfer function any more"), "{notes:?}");
 }
 
@@ -188,7 +188,7 @@ fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipelin
     let begun = Instant::now();
     let set = Set { looks: Some(Arc::clone(visitor) as Arc<dyn ViewClient>), ..set };
     let (finished, _) =
-        set.until(|account, _| ends(account.ledger.frames.used) || begun.elapsed() > Duration::from_secs(20));
+        set.until(|status, _| ends(status.ledger.frames.used) || begun.elapsed() > Duration::from_secs(20));
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     finished
 }
@@ -197,7 +197,7 @@ fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipelin
 fn without_viewer_only_the_final_picture_is_rendered() {
     let visitor = Visitor::new(false);
     let finished = visited(&visitor, |used| used == COUNT);
-    assert_eq!((visitor.seen(), finished.account.pictures), (Vec::new(), 0));
+    assert_eq!((visitor.seen(), finished.status.pictures), (Vec::new(), 0));
     assert!(finished.drawn.is_none());
     let visitor = Visitor::new(true);
     let finished = visited(&visitor, |used| used == COUNT);
@@ -245,12 +245,12 @@ impl ViewClient for Restyler {
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
     }
 
-    fn dressing(&self) -> u64 {
+    fn style_revision(&self) -> u64 {
         self.asked.fetch_add(1, Ordering::Relaxed);
         self.worn.load(Ordering::Relaxed)
     }
 
-    fn dress(&self, settings: &mut RenderSettings) {
+    fn restyle(&self, settings: &mut RenderSettings) {
         if self.worn.load(Ordering::Relaxed) > 0 {
             settings.transfer = Transfer::preset("xray", [0.0, 255.0]).unwrap();
         }

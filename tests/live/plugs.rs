@@ -94,15 +94,15 @@ fn replugged_tracker_loses_only_frames_meanwhile() {
     set.tracking = tracker;
     let mut phase = Phase::Before;
     let mut missing = [0; 2];
-    let (finished, seen) = set.until(|account, _| {
-        let used = account.ledger.frames.used;
-        let refused = account.ledger.frames.refused.get(&Reason::PoseMissing).copied().unwrap_or(0);
+    let (finished, seen) = set.until(|status, _| {
+        let used = status.ledger.frames.used;
+        let refused = status.ledger.frames.refused.get(&Reason::PoseMissing).copied().unwrap_or(0);
         match phase {
             Phase::Before if used >= 20 => {
                 line.pull();
                 (phase, missing[0]) = (Phase::Away, refused);
             }
-            Phase::Away if refused >= missing[0] + 20 && account.devices[0].state == "absent" => {
+            Phase::Away if refused >= missing[0] + 20 && status.devices[0].state == "absent" => {
                 line.plug_in();
                 (phase, missing[1]) = (Phase::Back(used), refused);
             }
@@ -113,14 +113,14 @@ fn replugged_tracker_loses_only_frames_meanwhile() {
     });
     let (total, used, refused) = frames(&finished);
     let [(Reason::PoseMissing, missed)] = refused[..] else { panic!("{refused:?}") };
-    assert!(used >= 40 && missed >= missing[1] && total == used + missed, "{}", finished.account.ledger);
+    assert!(used >= 40 && missed >= missing[1] && total == used + missed, "{}", finished.status.ledger);
     let states = seen.states(0);
     let of = |state| states.iter().position(|one| *one == state);
     let (runs, away) = (of("running").unwrap(), states.iter().rposition(|one| *one == "absent").unwrap());
     assert!(runs < away && states[away..].contains(&"running"), "{states:?}");
     assert!(seen.said(0, "absent", "plug it in") || seen.said(0, "absent", "unplugged"), "{:?}", seen.devices[0]);
-    assert_eq!(finished.account.devices[0].set_up, 2);
-    let readings = &finished.account.ledger.readings[0];
+    assert_eq!(finished.status.devices[0].set_up, 2);
+    let readings = &finished.status.ledger.readings[0];
     assert_eq!((readings.used, readings.dropped), (readings.total, 0), "what came was good");
 }
 
@@ -132,17 +132,17 @@ fn replugged_grabber_restarts_and_loses_nothing_else() {
     // A tracker that continues as long as necessary.
     let mut phase = Phase::Before;
     let mut turns = 0;
-    let (finished, seen) = Set::of(poses(begin_ns, 2000), grabber).waits(SECOND).until(|account, _| {
-        let used = account.ledger.frames.used;
+    let (finished, seen) = Set::of(poses(begin_ns, 2000), grabber).waits(SECOND).until(|status, _| {
+        let used = status.ledger.frames.used;
         match phase {
             Phase::Before if used >= 20 => {
                 controls.lock().unwrap().plugged = false;
                 phase = Phase::Away;
             }
-            Phase::Away if account.devices[1].state == "absent" => {
+            Phase::Away if status.devices[1].state == "absent" => {
                 turns += 1;
                 if turns == 20 {
-                    assert_eq!(account.ledger.frames.waiting, 0, "none comes, and none is left");
+                    assert_eq!(status.ledger.frames.waiting, 0, "none comes, and none is left");
                     controls.lock().unwrap().plugged = true;
                     phase = Phase::Back(used);
                 }
@@ -156,11 +156,11 @@ fn replugged_grabber_restarts_and_loses_nothing_else() {
     // Before the first pose, and after the last, there is none.
     let missing: u64 = refused.iter().map(|(_, count)| count).sum();
     assert!(refused.iter().all(|(reason, _)| *reason == Reason::PoseMissing), "{refused:?}");
-    assert!(used >= 40 && total == used + missing, "{}", finished.account.ledger);
+    assert!(used >= 40 && total == used + missing, "{}", finished.status.ledger);
     let states = seen.states(1);
     assert!(states.windows(3).any(|three| three == ["running", "absent", "running"]), "{states:?}");
     assert!(seen.said(1, "absent", "is unplugged; plug it in"));
-    assert_eq!(finished.account.devices[1].set_up, 2);
+    assert_eq!(finished.status.devices[1].set_up, 2);
 }
 
 #[test]
@@ -168,14 +168,14 @@ fn hung_grabber_is_reported_silent_alone() {
     let grabber = grabber(50.0);
     let controls = grabber.controls();
     let mut phase = Phase::Before;
-    let (finished, seen) = Set::of(poses(begin(), 2000), grabber).waits(SECOND).until(|account, _| {
-        let used = account.ledger.frames.used;
+    let (finished, seen) = Set::of(poses(begin(), 2000), grabber).waits(SECOND).until(|status, _| {
+        let used = status.ledger.frames.used;
         match phase {
             Phase::Before if used >= 20 => {
                 controls.lock().unwrap().hung = true;
                 phase = Phase::Away;
             }
-            Phase::Away if account.devices[1].state == "silent" => {
+            Phase::Away if status.devices[1].state == "silent" => {
                 controls.lock().unwrap().hung = false;
                 phase = Phase::Back(used);
             }
@@ -184,7 +184,7 @@ fn hung_grabber_is_reported_silent_alone() {
         }
         false
     });
-    assert!(finished.account.ledger.frames.used >= 40);
+    assert!(finished.status.ledger.frames.used >= 40);
     assert!(seen.said(1, "silent", "is there and delivers nothing"));
     assert!(!seen.states(0).contains(&"silent"), "{:?}", seen.states(0));
 }
@@ -213,9 +213,9 @@ fn failed_device_is_reported_at_once_and_other_continues() {
     let mut set = Set::of(Broken(Default::default(), Default::default()), grabber(50.0)).waits(100 * MS);
     set.of = vec!["Probe"];
     let mut said_while_it_ran = false;
-    let (finished, _) = set.until(|account, _| {
-        said_while_it_ran |= account.devices[0].state == "ended" && account.devices[0].why.contains("four joints");
-        account.ledger.frames.refused.get(&Reason::PoseMissing).is_some_and(|missing| *missing >= 10)
+    let (finished, _) = set.until(|status, _| {
+        said_while_it_ran |= status.devices[0].state == "ended" && status.devices[0].why.contains("four joints");
+        status.ledger.frames.refused.get(&Reason::PoseMissing).is_some_and(|missing| *missing >= 10)
     });
     assert!(said_while_it_ran);
     let (total, used, refused) = frames(&finished);

@@ -8,7 +8,7 @@ use sonoweave_core::clock::SECOND;
 use sync::ingest::live::Live;
 
 use crate::script::{Act, FRAME, Script, begin, frame, measured, pose, poses_timing, video};
-use crate::set::{Memory, Set, instruments};
+use crate::set::{Memory, Set, roles};
 
 /// Summary of a sample: its device, and the time and number or position that identify it.
 fn short((device, live): &(usize, Live)) -> Option<(usize, i64, f64)> {
@@ -41,16 +41,15 @@ fn received_samples_equal_a_walk_through_the_recording() {
     let disk = Memory::default();
     let grabber = Script::new("a grabber", video(), of_frames);
     let set = Set::of(tracker, grabber).recorded(disk.clone(), WriterOptions::new("a test"), 0);
-    let (heard, account) = set.record_only();
-    assert_eq!((account.ledger.frames.total, account.ledger.frames.used, account.ledger.frames.waiting), (60, 59, 0));
-    assert_eq!(account.ledger.frames.refused.values().sum::<u64>(), 1, "{}", account.ledger);
-    assert_eq!(account.ledger.readings[0].used, poses, "{}", account.ledger);
+    let (heard, status) = set.record_only();
+    assert_eq!((status.ledger.frames.total, status.ledger.frames.used, status.ledger.frames.waiting), (60, 59, 0));
+    assert_eq!(status.ledger.frames.refused.values().sum::<u64>(), 1, "{}", status.ledger);
+    assert_eq!(status.ledger.readings[0].used, poses, "{}", status.ledger);
 
     let file = NamedTempFile::new().unwrap();
     std::fs::write(file.path(), disk.bytes()).unwrap();
     let mut walked = Vec::new();
-    walk(file.path(), true, instruments().into(), Latencies::Given, |device, live| walked.push((device, live)))
-        .unwrap();
+    walk(file.path(), true, roles().into(), Latencies::Given, |device, live| walked.push((device, live))).unwrap();
     let [heard, walked]: [Vec<_>; 2] = [&heard, &walked].map(|all| all.iter().filter_map(short).collect());
     assert_eq!(heard.len() as u64, 59 + poses);
     assert_eq!(heard, walked);

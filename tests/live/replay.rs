@@ -21,7 +21,7 @@ use sonoweave_core::ledger::{Frames, Queue};
 use crate::script::{
     Act, FRAME, Script, begin, frame, frames as all_frames, measured, pose, poses, poses_timing, video,
 };
-use crate::set::{Memory, Set, instruments, stages};
+use crate::set::{Memory, Set, roles, stages};
 
 /// Waiting time of frames in a session with many disturbances.
 const WAIT: i64 = 150 * MS;
@@ -69,15 +69,15 @@ pub(crate) fn again(
 ) -> (Finished, RecordedDecisions) {
     let file = NamedTempFile::new().unwrap();
     std::fs::write(file.path(), disk.bytes()).unwrap();
-    let mut precedent = RecordedDecisions::read(file.path()).unwrap();
+    let mut decisions = RecordedDecisions::read(file.path()).unwrap();
     if all {
-        precedent.use_all();
+        decisions.use_all();
     }
     let replay = SessionReplay::open(&SessionSettings { pace, ..SessionSettings::new(file.path()) }).unwrap();
     let mut session = stages(wait_ns, None);
-    let [mut tracking, grabber] = instruments();
+    let [mut tracking, grabber] = roles();
     other(&mut session, &mut tracking);
-    let recorded = Recorded { replay, precedent, instruments: vec![tracking, grabber] };
+    let recorded = Recorded { replay, decisions, roles: vec![tracking, grabber] };
     let inputs = SessionInputs::of(Source::Recording(recorded));
     let ended = run(&session, inputs, &Monotonic, &AtomicBool::new(false), |_| Vec::new());
     let mut finished = ended.unwrap().finish();
@@ -120,24 +120,24 @@ impl ViewClient for Album {
 }
 
 /// Returns the frames' outcomes without losses before arrival, which a recording lacks.
-fn fates(finished: &Finished) -> Frames {
-    Frames { lost: 0, ..finished.account.ledger.frames.clone() }
+fn outcomes(finished: &Finished) -> Frames {
+    Frames { lost: 0, ..finished.status.ledger.frames.clone() }
 }
 
 #[test]
 fn replay_repeats_decisions_for_any_threads_and_speed() {
     let (live, disk) = eventful();
-    let frames = &live.account.ledger.frames;
-    assert!(frames.refused.len() >= 3 && frames.used > 30, "{}", live.account.ledger);
+    let frames = &live.status.ledger.frames;
+    assert!(frames.refused.len() >= 3 && frames.used > 30, "{}", live.status.ledger);
     for (threads, pace) in [(1, Pace::Unpaced), (3, Pace::Unpaced), (2, Pace::Factor(3.0))] {
-        let (replayed, precedent) = again(&disk, WAIT, pace, false, |session, _| session.settings.threads = threads);
-        assert_eq!(precedent.differences().first, None);
-        assert_eq!(fates(&replayed), fates(&live));
-        assert_eq!(replayed.account.ledger.first_refusals, live.account.ledger.first_refusals);
-        let [one, other] = [&replayed, &live].map(|finished| &finished.account.ledger.readings[0]);
+        let (replayed, decisions) = again(&disk, WAIT, pace, false, |session, _| session.settings.threads = threads);
+        assert_eq!(decisions.differences().first, None);
+        assert_eq!(outcomes(&replayed), outcomes(&live));
+        assert_eq!(replayed.status.ledger.first_refusals, live.status.ledger.first_refusals);
+        let [one, other] = [&replayed, &live].map(|finished| &finished.status.ledger.readings[0]);
         assert_eq!((one.total, one.used, &one.refused), (other.total, other.used, &other.refused));
-        assert_eq!(replayed.seal, live.seal);
-        assert!(live.seal.as_ref().unwrap().volume_sha256.is_some());
+        assert_eq!(replayed.digest, live.digest);
+        assert!(live.digest.as_ref().unwrap().volume_sha256.is_some());
     }
 }
 
@@ -149,23 +149,23 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
     let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60));
     let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn ViewClient>), ..set };
     let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
-    let woven = finished.account.ledger.frames.used;
-    assert!(live.slices().len() > 5 && live.slices().last() == Some(&woven), "{:?}", live.slices());
+    let inserted = finished.status.ledger.frames.used;
+    assert!(live.slices().len() > 5 && live.slices().last() == Some(&inserted), "{:?}", live.slices());
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
-        let (_, precedent) = again(&disk, WAIT, pace, false, |session, _| {
+        let (_, decisions) = again(&disk, WAIT, pace, false, |session, _| {
             session.view_client = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
             session.settings.threads = threads;
         });
-        assert_eq!(precedent.differences().first, None);
+        assert_eq!(decisions.differences().first, None);
         album
     };
     let each = run(1, 1, Pace::Unpaced);
-    assert_eq!(each.slices(), (1..=woven).collect::<Vec<_>>());
+    assert_eq!(each.slices(), (1..=inserted).collect::<Vec<_>>());
     let some = run(7, 3, Pace::Factor(4.0));
     assert_eq!(
         some.slices(),
-        (7..=woven).step_by(7).chain([woven]).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()
+        (7..=inserted).step_by(7).chain([inserted]).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()
     );
     let each = each.pictures.lock().unwrap();
     for album in [&live, &some] {
@@ -173,14 +173,14 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
             assert!(each[slices] == *picture, "after {slices} slices");
         }
     }
-    assert!(each[&(woven / 2)] != each[&woven], "pictures show what came since");
+    assert!(each[&(inserted / 2)] != each[&inserted], "pictures show what came since");
 }
 
 #[test]
 fn first_differing_frame_is_named() {
     let (_, disk) = eventful();
-    let (_, precedent) = again(&disk, WAIT, Pace::Unpaced, false, |_, tracker| tracker.latency_ns = MS);
-    let found = precedent.differences();
+    let (_, decisions) = again(&disk, WAIT, Pace::Unpaced, false, |_, tracker| tracker.latency_ns = MS);
+    let found = decisions.differences();
     let first = found.first.unwrap();
     assert!(found.count > 30, "{}", found.count);
     assert!(first.starts_with("frame 0: world_from_image[2][3] is ") && first.ends_with("when it was live"), "{first}");
@@ -200,14 +200,14 @@ fn dropped_frames_drop_again_or_are_used_on_request() {
     let grabber = all_frames(begin_ns, 50).that_seems([30_000, 30_000]);
     let set = Set::of(tracker, grabber).waits(SECOND).recorded(disk.clone(), WriterOptions::new("a test"), 0);
     let (live, _) = set.run();
-    let frames = &live.account.ledger.frames;
+    let frames = &live.status.ledger.frames;
     let dropped = frames.dropped[&Queue::Pairing];
-    assert!(dropped > 10 && frames.used > 5, "{}", live.account.ledger);
-    let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |_, _| {});
-    assert_eq!((precedent.differences().first, precedent.dropped()), (None, dropped));
-    assert_eq!((fates(&replayed), &replayed.seal), (fates(&live), &live.seal));
-    let (all, precedent) = again(&disk, SECOND, Pace::Unpaced, true, |_, _| {});
-    assert_eq!(precedent.differences().first, None, "what was asked for is no difference");
-    assert_eq!(all.account.ledger.frames.used, frames.used + dropped);
-    assert_ne!(all.seal, live.seal);
+    assert!(dropped > 10 && frames.used > 5, "{}", live.status.ledger);
+    let (replayed, decisions) = again(&disk, SECOND, Pace::Unpaced, false, |_, _| {});
+    assert_eq!((decisions.differences().first, decisions.dropped()), (None, dropped));
+    assert_eq!((outcomes(&replayed), &replayed.digest), (outcomes(&live), &live.digest));
+    let (all, decisions) = again(&disk, SECOND, Pace::Unpaced, true, |_, _| {});
+    assert_eq!(decisions.differences().first, None, "what was asked for is no difference");
+    assert_eq!(all.status.ledger.frames.used, frames.used + dropped);
+    assert_ne!(all.digest, live.digest);
 }

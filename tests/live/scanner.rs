@@ -24,7 +24,7 @@ fn frames_without_signal_are_refused_and_next_are_used() {
     });
     let (finished, seen) = Set::of(poses(begin_ns, 30), Script::new("a grabber", video(), acts)).run();
     assert_eq!(frames(&finished), (30, 20, vec![(Reason::ImageStatus, 10)]));
-    let first = &finished.account.ledger.first_refusals[&Reason::ImageStatus];
+    let first = &finished.status.ledger.first_refusals[&Reason::ImageStatus];
     assert!(first.item == 10 && first.detail.contains("NO SIGNAL"), "{first:?}");
     assert!(seen.stuck.iter().all(Option::is_none), "black is not stuck");
     // The probe continued: there is a gap at the frames without a signal.
@@ -38,7 +38,7 @@ fn missing_grabber_signal_is_in_the_status() {
     let grabber = Grabber::new(dark, SIZE, 50.0, Faults::default(), Arc::new(Monotonic)).unwrap();
     let controls = grabber.controls();
     controls.lock().unwrap().signal = false;
-    let (finished, seen) = Set::of(poses(begin(), 40), grabber).until(|account, _| account.ledger.frames.total >= 30);
+    let (finished, seen) = Set::of(poses(begin(), 40), grabber).until(|status, _| status.ledger.frames.total >= 30);
     let (total, used, refused) = frames(&finished);
     assert_eq!((used, refused), (0, vec![(Reason::ImageStatus, total)]));
     assert!(seen.said(1, "running", "has no signal; check its cable"), "{:?}", seen.devices[1]);

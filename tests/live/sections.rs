@@ -119,7 +119,7 @@ fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
 #[test]
 fn planes_equal_the_volume_bitwise() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), ..Surgeon::default() });
-    let (finished, _) = looked_at(&surgeon).until(|account, _| account.ledger.frames.used == COUNT);
+    let (finished, _) = looked_at(&surgeon).until(|status, _| status.ledger.frames.used == COUNT);
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     are_the_volume_s(&surgeon, &finished);
     let seen = surgeon.seen();
@@ -134,18 +134,18 @@ fn plane_is_sampled_and_shown_only_on_changes() {
     let mut steps = Vec::new();
     let (mut asked, mut last) = (0, CutWork::default());
     let begun = Instant::now();
-    let (finished, _) = looked_at(&surgeon).until(|account, _| {
+    let (finished, _) = looked_at(&surgeon).until(|status, _| {
         assert!(begun.elapsed() < PATIENCE, "{steps:?}");
         let now = surgeon.asked();
         let work = surgeon.seen().last().map_or(CutWork::default(), |seen| seen.work);
         match steps.len() {
             // Without a viewer, nothing is queried or read.
-            0 if account.ledger.frames.used >= PAST => {
+            0 if status.ledger.frames.used >= PAST => {
                 assert_eq!((now, surgeon.seen().len()), (0, 0));
                 surgeon.looks.store(true, Ordering::Relaxed);
             }
             // A new viewer sees all present slices, and the following ones.
-            1 if account.ledger.frames.used == COUNT && !surgeon.seen().is_empty() => asked = now,
+            1 if status.ledger.frames.used == COUNT && !surgeon.seen().is_empty() => asked = now,
             2 if now >= asked + 4 => (asked, last) = (now, work),
             // Without changes, nothing is done.
             3 if now >= asked + 4 => {
@@ -188,14 +188,14 @@ fn plane_is_sampled_and_shown_only_on_changes() {
 fn stuck_plane_viewer_delays_no_slice() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), stuck: true.into(), ..Surgeon::default() });
     let mut woven_meanwhile = 0;
-    let (finished, _) = looked_at(&surgeon).until(|account, _| {
+    let (finished, _) = looked_at(&surgeon).until(|status, _| {
         if surgeon.stuck.load(Ordering::Relaxed) && !surgeon.seen().is_empty() {
-            woven_meanwhile = account.ledger.frames.used;
+            woven_meanwhile = status.ledger.frames.used;
             surgeon.stuck.store(woven_meanwhile < 50, Ordering::Relaxed);
         }
-        account.ledger.frames.used == COUNT
+        status.ledger.frames.used == COUNT
     });
-    assert!(woven_meanwhile >= 50, "slices are woven while nobody answers: {woven_meanwhile}");
+    assert!(woven_meanwhile >= 50, "slices are inserted while nobody answers: {woven_meanwhile}");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     are_the_volume_s(&surgeon, &finished);
 }

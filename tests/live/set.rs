@@ -60,17 +60,17 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    fn look(&mut self, account: &SessionStatus) {
-        for (seen, device) in self.devices.iter_mut().zip(&account.devices) {
+    fn look(&mut self, status: &SessionStatus) {
+        for (seen, device) in self.devices.iter_mut().zip(&status.devices) {
             if seen.last().is_none_or(|(state, why)| *state != device.state || *why != device.why) {
                 seen.push((device.state, device.why.clone()));
             }
         }
-        if self.stuck.last() != Some(&account.stuck_s) {
-            self.stuck.push(account.stuck_s);
+        if self.stuck.last() != Some(&status.stuck_s) {
+            self.stuck.push(status.stuck_s);
         }
-        if self.written.last() != account.recording.as_ref() {
-            self.written.extend(account.recording.clone());
+        if self.written.last() != status.recording.as_ref() {
+            self.written.extend(status.recording.clone());
         }
     }
 
@@ -128,7 +128,7 @@ impl Set {
     /// Runs until its devices have ended, or `ends` returns true for the status and the elapsed
     /// time.
     pub(crate) fn until(self, mut ends: impl FnMut(&SessionStatus, Duration) -> bool) -> (Finished, Seen) {
-        self.instructed(|account, since| if ends(account, since) { None } else { Some(Vec::new()) })
+        self.instructed(|status, since| if ends(status, since) { None } else { Some(Vec::new()) })
     }
 
     /// Runs until its devices have ended, or `instructions` returns `None`.
@@ -141,19 +141,19 @@ impl Set {
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
-        let finished = run(&session, inputs, &Monotonic, &told, |account| {
-            seen.look(account);
-            adds_up(account);
-            assert!(began.elapsed() < PATIENCE, "{account:?}");
-            instructions(account, began.elapsed()).unwrap_or_else(|| {
+        let finished = run(&session, inputs, &Monotonic, &told, |status| {
+            seen.look(status);
+            adds_up(status);
+            assert!(began.elapsed() < PATIENCE, "{status:?}");
+            instructions(status, began.elapsed()).unwrap_or_else(|| {
                 told.store(true, Ordering::Relaxed);
                 Vec::new()
             })
         });
         let finished = finished.unwrap().finish();
-        seen.look(&finished.account);
-        adds_up(&finished.account);
-        let ledger = &finished.account.ledger;
+        seen.look(&finished.status);
+        adds_up(&finished.status);
+        let ledger = &finished.status.ledger;
         assert_eq!(ledger.frames.waiting, 0, "all frames are decided upon: {ledger}");
         assert!(ledger.readings.iter().all(|readings| readings.waiting() == 0), "{ledger}");
         (finished, seen)
@@ -167,12 +167,12 @@ impl Set {
     }
 
     fn devices(self) -> (Vec<SessionDevice>, Option<Record>) {
-        let [tracking, grabber] = instruments();
+        let [tracking, grabber] = roles();
         let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
         let tracking = DeviceRole { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
         let devices = vec![
-            SessionDevice { instrument: tracking, device: self.tracking, speech: None },
-            SessionDevice { instrument: grabber, device: self.grabber, speech: None },
+            SessionDevice { role: tracking, device: self.tracking, protocol: None },
+            SessionDevice { role: grabber, device: self.grabber, protocol: None },
         ];
         let record = self.record.map(|(writer, keep_free_bytes)| Record {
             writer,
@@ -193,19 +193,19 @@ impl Set {
         let gathered =
             record_only(devices, record, &SchedulingPolicy::default(), mask, &Monotonic, &told, |what| match what {
                 RecordEvent::Sample(device, live) => heard.push((device, live)),
-                RecordEvent::Turn(account) => {
-                    adds_up(account);
-                    assert!(began.elapsed() < PATIENCE, "{account:?}");
+                RecordEvent::Turn(status) => {
+                    adds_up(status);
+                    assert!(began.elapsed() < PATIENCE, "{status:?}");
                 }
             });
-        let (_, account) = gathered.unwrap();
-        adds_up(&account);
-        (heard, account)
+        let (_, status) = gathered.unwrap();
+        adds_up(&status);
+        (heard, status)
     }
 }
 
 /// Returns a tracker, whose station 1 is on the probe, and a grabber.
-pub(crate) fn instruments() -> [DeviceRole; 2] {
+pub(crate) fn roles() -> [DeviceRole; 2] {
     let of = |name: &str, gives, frames| DeviceRole { name: name.into(), gives, frames, latency_ns: 0 };
     let frames = vec![["Probe".to_owned(), "Tracker".to_owned()]];
     [of("tracking", Gives::Stations(vec![1]), frames), of("grabber", Gives::Pictures, Vec::new())]
@@ -234,20 +234,20 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Sessio
 }
 
 /// Checks that every frame and reading is counted once at any moment.
-fn adds_up(account: &SessionStatus) {
-    let Frames { total, used, waiting, refused, dropped, .. } = &account.ledger.frames;
+fn adds_up(status: &SessionStatus) {
+    let Frames { total, used, waiting, refused, dropped, .. } = &status.ledger.frames;
     let counted = used + waiting + refused.values().sum::<u64>() + dropped.values().sum::<u64>();
-    assert_eq!(*total, counted, "{}", account.ledger);
-    for readings in &account.ledger.readings {
+    assert_eq!(*total, counted, "{}", status.ledger);
+    for readings in &status.ledger.readings {
         let counted = readings.used + readings.dropped + readings.refused.values().sum::<u64>();
-        assert!(counted <= readings.total, "{}", account.ledger);
+        assert!(counted <= readings.total, "{}", status.ledger);
     }
 }
 
 /// Returns the outcome of frames: all, used, and refused by reason.
 pub(crate) fn frames(finished: &Finished) -> (u64, u64, Vec<(Reason, u64)>) {
-    let Frames { total, used, refused, dropped, .. } = &finished.account.ledger.frames;
-    assert!(dropped.is_empty(), "a machine that weaves 64×64 pixels has time for them: {}", finished.account.ledger);
+    let Frames { total, used, refused, dropped, .. } = &finished.status.ledger.frames;
+    assert!(dropped.is_empty(), "a machine that weaves 64×64 pixels has time for them: {}", finished.status.ledger);
     (*total, *used, refused.iter().map(|(reason, count)| (*reason, *count)).collect())
 }
 

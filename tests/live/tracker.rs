@@ -33,7 +33,7 @@ fn frames_wait_for_a_late_tracker() {
     let bounds = finished.outcome.as_ref().unwrap().reconstructor.volume().seen_bounds().unwrap();
     // The first frame lies at 0, the last at 47.2 mm; a kernel reaches a little further.
     assert!((-3..=0).contains(&bounds.0[2]) && (47..=50).contains(&bounds.1[2]), "{bounds:?}");
-    let waited = finished.account.capture_to_volume.quantiles().unwrap();
+    let waited = finished.status.capture_to_volume.quantiles().unwrap();
     assert!(waited.median_ms >= 200.0, "{waited:?}");
 }
 
@@ -45,7 +45,7 @@ fn packets_and_stalls_lose_and_move_no_frame() {
         let tracker = heard(begin_ns, counts, |at_ns| (at_ns.div_euclid(packet) + 1) * packet);
         let (finished, _) = Set::of(tracker, all_frames(begin_ns, COUNT)).run();
         assert_eq!(frames(&finished), (COUNT, COUNT, vec![]), "{counts} {packet}");
-        let readings = &finished.account.ledger.readings[0];
+        let readings = &finished.status.ledger.readings[0];
         assert_eq!((readings.used, readings.total), (measured(COUNT).count() as u64, readings.used));
         assert!((0..COUNT as i64).all(|n| seen_at(&finished, height_mm(n * FRAME))), "{counts} {packet}");
     }
@@ -69,8 +69,8 @@ fn silent_station_is_named_and_frames_resume_with_it() {
     let (total, used, refused) = frames(&finished);
     let [(Reason::PoseMissing, missing)] = refused[..] else { panic!("{refused:?}") };
     // Its clock is accurate to a ms or two, so frames 20 and 40 may fall on either side.
-    assert!(total == COUNT && used + missing == COUNT && (19..=21).contains(&missing), "{}", finished.account.ledger);
-    let first = &finished.account.ledger.first_refusals[&Reason::PoseMissing];
+    assert!(total == COUNT && used + missing == COUNT && (19..=21).contains(&missing), "{}", finished.status.ledger);
+    let first = &finished.status.ledger.first_refusals[&Reason::PoseMissing];
     assert!(first.detail.starts_with("ReferenceToTracker: "), "{first:?}");
     let at = |n: i64| seen_at(&finished, height_mm(n * FRAME));
     assert!(at(10) && !at(30) && at(50));
@@ -99,7 +99,7 @@ fn clock_step_or_restart_loses_no_frame() {
     }
     let tracker = Script::new("a tracker that counts", poses_timing(true), acts);
     let (finished, _) = Set::of(tracker, all_frames(begin_ns, COUNT)).waits(SECOND).run();
-    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]), "{}", finished.account.ledger);
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]), "{}", finished.status.ledger);
     assert!((0..COUNT as i64).all(|n| seen_at(&finished, height_mm(n * FRAME))));
-    assert_eq!(finished.account.devices[0].set_up, 2);
+    assert_eq!(finished.status.devices[0].set_up, 2);
 }

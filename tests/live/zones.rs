@@ -27,16 +27,16 @@ fn frames_in_zones_are_used_and_counted_also_by_replay() {
     let set = Set { watch: Some(watch()), ..set }.recorded(disk.clone(), WriterOptions::new("a test"), 0);
     let (finished, _) = set.run();
     let (total, used, _) = frames(&finished);
-    assert_eq!((total, used), (60, 60), "{}", finished.account.ledger);
+    assert_eq!((total, used), (60, 60), "{}", finished.status.ledger);
     // Frames 23 to 33 at 18.4 to 26.4 mm, frames 57 to 59 at 45.6 to 47.2 mm: the last one is
     // still inside.
-    let found = finished.account.distortion.unwrap();
+    let found = finished.status.distortion.unwrap();
     assert_eq!(found, InZones { zones: 2, frames: 14, entered: 2, rms_mm: Some(3.5) });
     let again = |watch: Option<Watch>| {
-        let (replayed, precedent) =
+        let (replayed, decisions) =
             again(&disk, 5_000_000_000, Pace::Unpaced, false, |session, _| session.watch = watch);
-        assert_eq!(precedent.differences().count, 0, "{:?}", precedent.differences().first);
-        replayed.account.distortion
+        assert_eq!(decisions.differences().count, 0, "{:?}", decisions.differences().first);
+        replayed.status.distortion
     };
     assert_eq!([again(Some(watch())), again(None)], [Some(found), None]);
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use pipeline::live::{DeviceBoard, SessionStatus};
+use pipeline::live::{DeviceStatus, SessionStatus};
 use sync::clock::State;
 
 use super::Served;
@@ -118,12 +118,12 @@ impl PagePublisher {
     }
 }
 
-fn device(device: &DeviceBoard) -> Value {
+fn device(device: &DeviceStatus) -> Value {
     json!({ "name": device.name, "state": device.state, "why": device.why, "clock": worst(device) })
 }
 
 /// Returns the state of the device's least reliable clock.
-fn worst(device: &DeviceBoard) -> Option<State> {
+fn worst(device: &DeviceStatus) -> Option<State> {
     let order =
         |state: &State| [State::Locked, State::Holdover, State::Acquiring, State::Lost].iter().position(|s| s == state);
     device.clocks.iter().map(|clock| clock.state).max_by_key(order)

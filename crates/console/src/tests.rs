@@ -18,7 +18,7 @@ use serde_json::Value;
 use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use mask::MaskSettings;
-use pipeline::live::{ClockBoard, DeviceBoard, Unwritten, Written};
+use pipeline::live::{ClockStatus, DeviceStatus, Unwritten, Written};
 use sonoweave_core::ledger::{Queue, Readings};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::clock;
@@ -34,7 +34,7 @@ fn eventful() -> SessionStatus {
         match item {
             0..5 => account.ledger.used(),
             5 | 6 => account.ledger.refused(&Refusal::new(item, Reason::SamePicture, "frozen")),
-            7 => account.ledger.dropped(Queue::Weaving),
+            7 => account.ledger.dropped(Queue::Insertion),
             _ => {}
         }
     }
@@ -49,7 +49,7 @@ fn eventful() -> SessionStatus {
     });
     account.ledger.frames.lost = 11;
     for (name, state) in [("tracking", "silent"), ("grabber", "running")] {
-        account.devices.push(DeviceBoard {
+        account.devices.push(DeviceStatus {
             name: name.into(),
             state,
             why: if state == "running" { String::new() } else { "says \"nothing\"".into() },
@@ -58,7 +58,7 @@ fn eventful() -> SessionStatus {
             lost: 3,
             set_up: 1,
             last_reading_s_ago: Some(0.25),
-            clocks: vec![ClockBoard { state: clock::State::Locked, bound_ms: 2.0, drift_ppm: -30.0, published: 7 }],
+            clocks: vec![ClockStatus { state: clock::State::Locked, bound_ms: 2.0, drift_ppm: -30.0, published: 7 }],
         });
     }
     account.capture_to_volume.add_ns(17_000_000);
@@ -135,7 +135,7 @@ fn status_returns_current_statistics() {
         (&frames["total"], &frames["used"], &frames["waiting"], &frames["lost"]),
         (&10.into(), &5.into(), &2.into(), &11.into())
     );
-    assert_eq!((&frames["refused"]["same_picture"], &frames["dropped"]["weaving"]), (&2.into(), &1.into()));
+    assert_eq!((&frames["refused"]["same_picture"], &frames["dropped"]["insertion"]), (&2.into(), &1.into()));
     let tracking = &told["devices"][0];
     assert_eq!(
         (&tracking["state"], &tracking["why"], &tracking["last_reading_s_ago"]),
@@ -211,7 +211,7 @@ fn metrics_are_well_formed_and_match_status() {
     assert_eq!(of_device + samples[&format!("sonoweave_readings_waiting{{{device}}}")], 9.0);
     for (name, value) in [
         ("sonoweave_frames_total{fate=\"refused\",reason=\"same_picture\"}", 2.0),
-        ("sonoweave_frames_total{fate=\"dropped\",reason=\"weaving\"}", 1.0),
+        ("sonoweave_frames_total{fate=\"dropped\",reason=\"insertion\"}", 1.0),
         ("sonoweave_frames_lost_total", 11.0),
         ("sonoweave_readings_total{device=\"tracking\",fate=\"refused\",reason=\"not valid\"}", 2.0),
         ("sonoweave_device_up{device=\"tracking\"}", 0.0),

@@ -39,7 +39,8 @@ pub enum Queue {
     /// Device readings, before pairing.
     Pairing,
     /// Slices, before insertion.
-    Weaving,
+    #[serde(alias = "weaving")]
+    Insertion,
 }
 
 impl Queue {
@@ -47,7 +48,7 @@ impl Queue {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Pairing => "pairing",
-            Self::Weaving => "weaving",
+            Self::Insertion => "insertion",
         }
     }
 }
@@ -219,7 +220,7 @@ mod tests {
             assert!(balanced(&ledger));
             match item % 4 {
                 0 => ledger.used(),
-                3 => ledger.dropped(Queue::Weaving),
+                3 => ledger.dropped(Queue::Insertion),
                 1 => ledger.refused(&Refusal::new(item, Reason::PoseInvalid, "ProbeToTracker is INVALID")),
                 _ => {}
             }
@@ -227,7 +228,7 @@ mod tests {
         }
         assert_eq!((ledger.frames.used, ledger.frames.waiting, ledger.refused_total()), (2, 2, 2));
         let text = ledger.to_string();
-        assert!(text.starts_with("2 of 8 frames used, 2 waiting, 2 dropped before weaving, 2 refused:"), "{text}");
+        assert!(text.starts_with("2 of 8 frames used, 2 waiting, 2 dropped before insertion, 2 refused:"), "{text}");
         assert!(text.contains("2 × pose_invalid, first frame 1: ProbeToTracker is INVALID"), "{text}");
     }
 

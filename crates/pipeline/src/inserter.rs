@@ -40,7 +40,7 @@ pub(super) trait OutcomeSink {
     ///
     /// # Errors
     /// Any; it ends the run.
-    fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError>;
+    fn inserted(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), PipelineError>;
 
     /// The slice was refused; nothing has changed.
     fn refused(&mut self, refusal: &Refusal);
@@ -87,20 +87,20 @@ impl Plan {
             Some(chosen) => chosen,
             None => Chosen::by_reach(&self.settings, &self.planar, [mask.width(), mask.height()], &self.reach),
         };
-        let weaver = chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
-        tracing::info!(path = weaver.path().name(), why = chosen.why, "insertion path");
-        if self.choice == PathChoice::Auto && weaver.path() == Path::Planar {
+        let reconstructor = chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        tracing::info!(path = reconstructor.path().name(), why = chosen.why, "insertion path");
+        if self.choice == PathChoice::Auto && reconstructor.path() == Path::Planar {
             notes.push(format!(
                 "the planar path inserts the slices, because {}: the volume's axes are the scan's, as its header says; \
                 the general path would keep to the world's",
                 chosen.why
             ));
         }
-        if let Some(departure) = weaver.upgraded() {
+        if let Some(departure) = reconstructor.upgraded() {
             notes.push(format!("{departure}; the general path inserts all slices"));
         }
         self.chosen = Some(chosen);
-        Ok(MaskState::Known(Box::new(weaver)))
+        Ok(MaskState::Known(Box::new(reconstructor)))
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) struct VolumeInserter {
 
 /// Result of an inserter.
 pub(super) struct FinishedVolume {
-    pub(super) weaver: PathReconstructor,
+    pub(super) reconstructor: PathReconstructor,
     pub(super) mask: Mask,
     pub(super) chosen: Chosen,
     pub(super) reached: Option<[[i64; 3]; 2]>,
@@ -128,18 +128,8 @@ pub(super) struct FinishedVolume {
 }
 
 impl VolumeInserter {
-    /// Returns an empty inserter.
-    ///
-    /// # Errors
-    /// [`SettingsError`] if the settings cannot work for any slice.
-    pub(super) fn new(mut plan: Plan, mask: MaskPlan) -> Result<Self, SettingsError> {
-        let mut notes = Vec::new();
-        let (stage, mask) = plan.stage(mask, &mut notes)?;
-        Ok(Self { plan, stage, mask, used: 0, reached: None, slice_axes: None, pixels: PixelKind::U8, notes })
-    }
-
-    /// Returns an empty inserter that takes the frame's size from its first slice.
-    pub(super) fn of_any_size(plan: Plan, mask: MaskSettings) -> Self {
+    /// Returns an empty inserter; the first slice determines the frame's size.
+    pub(super) fn new(plan: Plan, mask: MaskSettings) -> Self {
         Self {
             plan,
             stage: MaskState::Unknown(mask),
@@ -152,20 +142,25 @@ impl VolumeInserter {
         }
     }
 
-    /// Takes the next slice; `item` is its frame's number. The slice may wait for the mask; its
+    /// Inserts the next slice; `item` is its frame's number. The slice may wait for the mask; its
     /// outcome is then reported later.
     ///
     /// # Errors
-    /// [`PipelineError`] if no further slice could be inserted either, or `fates` returns an
+    /// [`PipelineError`] if no further slice could be inserted either, or `outcomes` returns an
     /// error.
-    pub(super) fn take(&mut self, item: u64, slice: Slice, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+    pub(super) fn insert(
+        &mut self,
+        item: u64,
+        slice: Slice,
+        outcomes: &mut impl OutcomeSink,
+    ) -> Result<(), PipelineError> {
         if let MaskState::Unknown(mask) = &self.stage {
             let plan = mask.plan(slice.image.width(), slice.image.height())?;
             (self.stage, self.mask) = self.plan.stage(plan, &mut self.notes)?;
         }
         let found = match &mut self.stage {
             MaskState::Unknown(_) => None,
-            MaskState::Known(_) => return self.insert(item, &slice, fates),
+            MaskState::Known(_) => return self.insert_now(item, &slice, outcomes),
             MaskState::Searching { search, waiting, bytes } => {
                 let found = search.push(&slice.image);
                 *bytes += slice.image.pixels().bytes();
@@ -173,29 +168,29 @@ impl VolumeInserter {
                 found.or_else(|| (*bytes > MOST_WAITING_BYTES).then(|| search.finish()))
             }
         };
-        found.map_or(Ok(()), |found| self.found(found, fates))
+        found.map_or(Ok(()), |found| self.found(found, outcomes))
     }
 
     /// Inserts the slices that waited for the mask, once it is found.
-    fn found(&mut self, found: Found, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+    fn found(&mut self, found: Found, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
         self.notes.extend(found.notes);
         let known = self.plan.begin(&found.mask, &mut self.notes)?;
         self.mask = Some(found.mask);
         if let MaskState::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
             for (item, slice) in waiting {
-                self.insert(item, &slice, fates)?;
+                self.insert_now(item, &slice, outcomes)?;
             }
         }
         Ok(())
     }
 
-    fn insert(&mut self, item: u64, slice: &Slice, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
-        let MaskState::Known(weaver) = &mut self.stage else { return Ok(()) };
-        let (began, before) = (Instant::now(), weaver.path());
-        let result = trace_span!(target: STAGE, "weave", frame = item).in_scope(|| weaver.insert(slice));
+    fn insert_now(&mut self, item: u64, slice: &Slice, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        let MaskState::Known(reconstructor) = &mut self.stage else { return Ok(()) };
+        let (began, before) = (Instant::now(), reconstructor.path());
+        let result = trace_span!(target: STAGE, "insert", frame = item).in_scope(|| reconstructor.insert(slice));
         let took = began.elapsed();
-        if weaver.path() != before
-            && let Some(departure) = weaver.upgraded()
+        if reconstructor.path() != before
+            && let Some(departure) = reconstructor.upgraded()
         {
             tracing::warn!(item, %departure, "the general path takes over");
             self.notes.push(format!(
@@ -206,10 +201,10 @@ impl VolumeInserter {
             Ok(touched) => {
                 // The lattice and the kernels are known from the first slice on.
                 if let (None, Some(kernels), Some(data)) =
-                    (self.reached, weaver.kernels(), self.mask.as_ref().and_then(Mask::bounds))
+                    (self.reached, reconstructor.kernels(), self.mask.as_ref().and_then(Mask::bounds))
                 {
                     let supports_mm = kernels.each_ref().map(|k| k.support_mm);
-                    self.reached = reached(&self.plan.poses, data, supports_mm, weaver.world_from_lattice());
+                    self.reached = reached(&self.plan.poses, data, supports_mm, reconstructor.world_from_lattice());
                     self.slice_axes = mean_axes(&self.plan.poses);
                 }
                 self.used += 1;
@@ -219,15 +214,15 @@ impl VolumeInserter {
                     Pixels::F32(_) => PixelKind::F32,
                 };
                 let Some(mask) = &self.mask else { return Ok(()) };
-                return fates.woven(&InsertedSlice {
+                return outcomes.inserted(&InsertedSlice {
                     item,
                     slice,
                     mask,
-                    weaver,
+                    reconstructor,
                     path_reason: self.plan.chosen.as_ref().map_or("", |chosen| &chosen.why),
                     touched: &touched.bricks,
                     slab: touched.slab,
-                    upgraded: weaver.path() != before,
+                    upgraded: reconstructor.path() != before,
                     insert: took,
                     reached: self.reached,
                     slice_axes: self.slice_axes,
@@ -245,7 +240,7 @@ impl VolumeInserter {
             Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
             Err(e @ Refused::Departure(_)) => (Reason::OutOfPlane, e.to_string()),
         };
-        fates.refused(&Refusal::new(item, reason.0, reason.1));
+        outcomes.refused(&Refusal::new(item, reason.0, reason.1));
         Ok(())
     }
 
@@ -253,9 +248,9 @@ impl VolumeInserter {
     /// that wait for the mask are inserted before; the mask stays.
     ///
     /// # Errors
-    /// Same as [`Self::take`].
-    pub(super) fn clear(&mut self, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
-        self.end(fates)?;
+    /// Same as [`Self::insert`].
+    pub(super) fn clear(&mut self, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        self.end(outcomes)?;
         if let Some(mask) = &self.mask {
             // The notes were made when the mask was found.
             self.stage = self.plan.begin(mask, &mut Vec::new())?;
@@ -265,9 +260,9 @@ impl VolumeInserter {
     }
 
     /// Returns the present volume; `None` while slices wait for the mask.
-    pub(super) fn weaver(&self) -> Option<&PathReconstructor> {
+    pub(super) fn reconstructor(&self) -> Option<&PathReconstructor> {
         match &self.stage {
-            MaskState::Known(weaver) => Some(weaver),
+            MaskState::Known(reconstructor) => Some(reconstructor),
             MaskState::Searching { .. } | MaskState::Unknown(_) => None,
         }
     }
@@ -275,24 +270,24 @@ impl VolumeInserter {
     /// Ends the input: slices that wait for the mask are inserted.
     ///
     /// # Errors
-    /// Same as [`Self::take`].
-    pub(super) fn end(&mut self, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+    /// Same as [`Self::insert`].
+    pub(super) fn end(&mut self, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
         let found = match &mut self.stage {
             MaskState::Searching { search, .. } => Some(search.finish()),
             MaskState::Known(_) | MaskState::Unknown(_) => None,
         };
-        found.map_or(Ok(()), |found| self.found(found, fates))
+        found.map_or(Ok(()), |found| self.found(found, outcomes))
     }
 
     /// Returns the result, after its [end](Self::end). `None` if no slice was inserted.
     pub(super) fn finish(mut self) -> Option<FinishedVolume> {
-        let (MaskState::Known(weaver), Some(mask)) = (self.stage, self.mask) else { return None };
+        let (MaskState::Known(reconstructor), Some(mask)) = (self.stage, self.mask) else { return None };
         if self.used == 0 {
             return None;
         }
-        self.notes.extend(narrow(&weaver, self.plan.off_plane));
+        self.notes.extend(narrow(&reconstructor, self.plan.off_plane));
         Some(FinishedVolume {
-            weaver: *weaver,
+            reconstructor: *reconstructor,
             mask,
             chosen: self.plan.chosen?,
             reached: self.reached,
@@ -307,8 +302,8 @@ impl VolumeInserter {
 /// remedy. A σ across the plane that was derived from the slices' own gaps is wide enough, as is
 /// one that reaches half a voxel whatever its σ. Methods that interpolate between pixels have no
 /// other width in the plane.
-fn narrow(weaver: &PathReconstructor, off_plane: OffPlane) -> Option<String> {
-    let settings = weaver.settings();
+fn narrow(reconstructor: &PathReconstructor, off_plane: OffPlane) -> Option<String> {
+    let settings = reconstructor.settings();
     let spacing = settings.spacing_mm.max_element();
     // The default in the plane is this very σ; rounding must not make it narrow.
     let least = IN_PLANE_SIGMA * spacing * (1.0 - 1e-9);
@@ -317,7 +312,7 @@ fn narrow(weaver: &PathReconstructor, off_plane: OffPlane) -> Option<String> {
     let axes = [("u", in_plane), ("v", in_plane), ("the normal", across)];
     let narrow: Vec<String> = axes
         .iter()
-        .zip(weaver.kernels()?)
+        .zip(reconstructor.kernels()?)
         .filter(|((_, counts), kernel)| *counts && kernel.sigma_mm < least)
         .map(|((axis, _), kernel)| format!("{:.3} mm along {axis}", kernel.sigma_mm))
         .collect();

@@ -1,9 +1,10 @@
 //! The stages in flow order. Threads between them are started only here.
 //!
-//! - `offline`: a recorded sequence, synchronously: device → ingest → pairing → inserter.
-//! - [`live`]: devices to a volume and its picture, one thread per stage.
+//! - [`live`]: devices, a recorded session or a recorded sequence to a volume and its picture, one
+//!   thread per stage.
 //! - [`command`]: the commands to a session.
-//! - `inserter`: the inserter, from slices through the mask into the volume; used by both.
+//! - `inserter`: the inserter, from slices through the mask into the volume.
+//! - `outcome`: the result of a run.
 //! - `observer`: observers of frames, slices and the volume.
 
 pub mod command;
@@ -11,12 +12,12 @@ pub mod control;
 mod inserter;
 pub mod live;
 mod observer;
-mod offline;
+mod outcome;
 pub mod trace;
 
 pub use inserter::OffPlane;
 pub use observer::{CapturedFrame, InsertedSlice, Observer};
-pub use offline::{Job, Outcome, Progress, reconstruct};
+pub use outcome::Outcome;
 
 use std::ops::Range;
 

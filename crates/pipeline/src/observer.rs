@@ -34,7 +34,7 @@ pub struct InsertedSlice<'a> {
     /// Its data pixels.
     pub mask: &'a Mask,
     /// The volume, its lattice and its kernels.
-    pub weaver: &'a PathReconstructor,
+    pub reconstructor: &'a PathReconstructor,
     /// Reason for its insertion path, as the end of a sentence.
     pub path_reason: &'a str,
     /// Bricks that the slice changed.

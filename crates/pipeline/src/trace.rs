@@ -8,7 +8,7 @@
 //! | `capture` | the device's | the frame's number: from its delivery until it is passed on |
 //! | `pair` | pairing | into the ingest, and among the waiting frames |
 //! | `wait for pose` | none: many wait at a time | until there are poses around it, or it is refused |
-//! | `weave` | insertion, or the caller's thread in `reconstruct` and `replay` | into the volume |
+//! | `insert` | insertion | into the volume |
 //! | `draw` | picture | the newest that the picture shows; `slices` is its number of slices |
 //! | `record` | recorder | compressed and written |
 //!
@@ -290,9 +290,9 @@ mod tests {
         let (subscriber, file) = into(&path);
         tracing::subscriber::with_default(subscriber, || {
             let waits = trace_span!(target: STAGE, "wait for pose", frame = 7_u64);
-            let weave = trace_span!(target: STAGE, "weave", frame = 7_u64, by = "test").entered();
+            let insert = trace_span!(target: STAGE, "insert", frame = 7_u64, by = "test").entered();
             std::thread::sleep(Duration::from_millis(5));
-            drop(weave);
+            drop(insert);
             trace_span!("of another kind").in_scope(|| ());
             tracing::error!(count = 3, "lost \"some\"");
             tracing::info!("nothing of note");
@@ -301,18 +301,18 @@ mod tests {
         drop(file);
         let events = events(&path);
         let of = |name: &str| events.iter().filter(|event| event["name"] == name).collect::<Vec<_>>();
-        let [weave] = of("weave")[..] else { panic!("{events:?}") };
-        assert_eq!((&weave["ph"], &weave["args"]), (&"X".into(), &json!({ "frame": 7, "by": "test" })));
-        assert!(weave["dur"].as_f64().unwrap() >= 5000.0 && weave["pid"] == std::process::id());
+        let [insert] = of("insert")[..] else { panic!("{events:?}") };
+        assert_eq!((&insert["ph"], &insert["args"]), (&"X".into(), &json!({ "frame": 7, "by": "test" })));
+        assert!(insert["dur"].as_f64().unwrap() >= 5000.0 && insert["pid"] == std::process::id());
         let [begin, end] = of("wait for pose")[..] else { panic!("{events:?}") };
         assert_eq!((&begin["ph"], &end["ph"], &begin["id"]), (&"b".into(), &"e".into(), &end["id"]));
-        assert!(begin["ts"].as_f64() < weave["ts"].as_f64());
-        let after = weave["ts"].as_f64().unwrap() + weave["dur"].as_f64().unwrap();
+        assert!(begin["ts"].as_f64() < insert["ts"].as_f64());
+        let after = insert["ts"].as_f64().unwrap() + insert["dur"].as_f64().unwrap();
         assert!(end["ts"].as_f64().unwrap() > after);
         assert_eq!(of("error")[0]["args"]["message"], "lost \"some\"");
         assert_eq!(of("left_out")[0]["args"]["events"], 0);
         let threads = of("thread_name");
-        assert_eq!((threads.len(), &threads[0]["tid"]), (1, &weave["tid"]));
+        assert_eq!((threads.len(), &threads[0]["tid"]), (1, &insert["tid"]));
         assert_eq!(events.len(), 7, "{events:?}");
     }
 
@@ -323,7 +323,7 @@ mod tests {
         let (subscriber, file) = into(&path);
         tracing::subscriber::with_default(subscriber, || {
             for frame in 0..5_000_u64 {
-                trace_span!(target: STAGE, "weave", frame).in_scope(|| ());
+                trace_span!(target: STAGE, "insert", frame).in_scope(|| ());
             }
             let begin = Instant::now();
             // The events reach the disk without an orderly end.
@@ -348,7 +348,7 @@ mod tests {
         let spans = || {
             let begin = Instant::now();
             for frame in 0..SPANS {
-                let _span = trace_span!(target: STAGE, "weave", frame = black_box(frame)).entered();
+                let _span = trace_span!(target: STAGE, "insert", frame = black_box(frame)).entered();
             }
             begin.elapsed().as_nanos() as f64 / SPANS as f64
         };

@@ -106,7 +106,7 @@ pub struct Gathered {
 }
 
 /// Records a session's devices until the guide has enough, Ctrl-C is pressed, or the time is
-/// over. Only the instruments that `begin` returns are recorded; the first of them carries the
+/// over. Only the roles that `begin` returns are recorded; the first of them carries the
 /// probe.
 ///
 /// # Errors
@@ -117,13 +117,13 @@ pub fn lead<G: Guide>(
     begin: impl FnOnce(&Bedside) -> Result<(G, Vec<DeviceRole>), Failure>,
 ) -> Result<Gathered, Failure> {
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
-    let (mut guide, instruments) = begin(&bedside)?;
+    let (mut guide, roles) = begin(&bedside)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = until_told()?;
     let policy = status_publisher::policy(&bedside)?;
-    let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
-    let record = record_of(&bedside, folder, instruments.len() > GRABBER)?;
+    let Devices { tracking, protocol, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
+    let record = record_of(&bedside, folder, roles.len() > GRABBER)?;
     if let Some(at_home) = at_home {
         Home::default().listen(at_home, false)?;
     }
@@ -131,10 +131,10 @@ pub fn lead<G: Guide>(
         "recorded in {}; Ctrl-C ends the recording and calibrates with the present data",
         record.writer.path().display()
     ));
-    let opened = [(tracking, speech), (grabber, None)];
-    let opened = instruments.into_iter().zip(opened);
+    let opened = [(tracking, protocol), (grabber, None)];
+    let opened = roles.into_iter().zip(opened);
     let devices: Vec<SessionDevice> =
-        opened.map(|(instrument, (device, speech))| SessionDevice { instrument, device, speech }).collect();
+        opened.map(|(role, (device, protocol))| SessionDevice { role, device, protocol }).collect();
     let (began, mut screen) = (Instant::now(), Screen::new());
     let (mut judged, mut took) = (Instant::now(), Duration::ZERO);
     let mut last = Advice::missing("waiting for the devices");

@@ -15,7 +15,7 @@ use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
 use sonoweave_core::reading::{Reading, Stamp};
 
 use super::super::{Failure, input};
-use crate::cli::live::stages::{Kept, instruments};
+use crate::cli::live::stages::{Kept, roles};
 pub(super) use sequence::each;
 use sonoweave_core::refusal::Refusal;
 use sonoweave_core::slice::{Image, Pixels};
@@ -24,7 +24,7 @@ use sync::ingest::live::Live;
 use sync::ingest::{Ingest, Picture, Sample};
 pub(super) use tracks::Tracks;
 
-/// Index of the grabber among a session's instruments.
+/// Index of the grabber among a session's roles.
 pub(super) const GRABBER: usize = 1;
 
 /// A recording.
@@ -258,8 +258,8 @@ pub(super) fn data(settings: &MaskSettings, [width, height]: [u32; 2]) -> Result
 
 /// Returns a session's devices with zero latency: the search is for the whole latency.
 pub(super) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
-    let instruments = instruments(bedside)?;
-    Ok(instruments.into_iter().map(|instrument| DeviceRole { latency_ns: 0, ..instrument }).collect())
+    let roles = roles(bedside)?;
+    Ok(roles.into_iter().map(|role| DeviceRole { latency_ns: 0, ..role }).collect())
 }
 
 pub(super) fn seconds(ns: i64) -> f64 {

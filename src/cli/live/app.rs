@@ -22,7 +22,7 @@ use super::home::Home;
 use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
 use super::resume;
-use super::stages::{instruments, record, stages};
+use super::stages::{record, roles, stages};
 use super::status_publisher::StatusPublisher;
 use super::terminal::Terminal;
 use super::viewers::Viewers;
@@ -81,7 +81,7 @@ impl LiveApp<'_> {
             let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
             self.desk.runs(records, input);
             let desk = Arc::clone(&self.desk);
-            let held = pipeline::live::run(&stages, inputs, &Monotonic, desk.turns(), |account| self.watch(account))?;
+            let held = pipeline::live::run(&stages, inputs, &Monotonic, desk.turns(), |status| self.watch(status))?;
             drop(twins);
             made = match self.next(&held)? {
                 Some(next) => next,
@@ -117,9 +117,9 @@ impl LiveApp<'_> {
         goes_on_with: Option<&Path>,
     ) -> Result<Made, Failure> {
         let quiet = self.conduct.quiet;
-        let [tracking_is, grabber_is] = instruments(bedside)?;
+        let [tracking_is, grabber_is] = roles(bedside)?;
         let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
-        let Devices { tracking, speech, at_home, grabber, twins } = opened;
+        let Devices { tracking, protocol, at_home, grabber, twins } = opened;
         if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
             preset.fits(Some(bedside.grabber.turned(size)), None)?;
         }
@@ -138,8 +138,8 @@ impl LiveApp<'_> {
             path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
         });
         let devices = vec![
-            SessionDevice { instrument: tracking_is, device: tracking, speech },
-            SessionDevice { instrument: grabber_is, device: grabber, speech: None },
+            SessionDevice { role: tracking_is, device: tracking, protocol },
+            SessionDevice { role: grabber_is, device: grabber, protocol: None },
         ];
         let source = Source::Devices { devices, record };
         let inputs = SessionInputs { source, resumed, policy: self.policy.clone() };
@@ -148,22 +148,22 @@ impl LiveApp<'_> {
 
     /// Publishes the status to observers, and returns instructions for the session. The pipeline
     /// calls this at regular intervals.
-    fn watch(&mut self, account: &SessionStatus) -> Vec<Instruction> {
+    fn watch(&mut self, status: &SessionStatus) -> Vec<Instruction> {
         let until = self.conduct.duration.map(Duration::from_secs_f64);
         if until.is_some_and(|until| self.began.elapsed() >= until) {
             self.quit.store(true, Ordering::Relaxed);
         }
         let quits = self.quit.load(Ordering::Relaxed);
-        self.desk.goes_on(&account.world, quits);
-        self.telling.look(account, line, quits);
+        self.desk.update(&status.world, quits);
+        self.telling.look(status, line, quits);
         if let Some(shared) = &mut self.shared {
-            shared.tell(|| line(account));
+            shared.tell(|| line(status));
         }
         if let Some(terminal) = &self.terminal {
-            terminal.say(&line(account));
+            terminal.say(&line(status));
         } else if !self.conduct.quiet && self.said.elapsed() >= SAID_EVERY {
             self.said = Instant::now();
-            say(&line(account));
+            say(&line(status));
         }
         let mut instructions: Vec<_> = self.desk.commands().into_iter().map(Instruction::from).collect();
         if self.reload.is_told() {
@@ -181,14 +181,14 @@ impl LiveApp<'_> {
         if !desk.stopped() {
             return Ok(None);
         }
-        self.telling.over(held.account());
+        self.telling.over(held.status());
         if let Some(recording) = held.recording() {
             desk.happened(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
         }
         while !self.quit.load(Ordering::Relaxed) {
             let Some(next) = desk.opens() else {
                 desk.is_over();
-                held.linger(desk.turns(), |account| self.watch(account));
+                held.serve(desk.turns(), |status| self.watch(status));
                 continue;
             };
             self.reload.begins_anew();

@@ -62,15 +62,15 @@ impl Outputs {
 }
 
 /// Formats a progress line.
-pub(in crate::cli) fn line(account: &SessionStatus) -> String {
-    let frames = &account.ledger.frames;
-    format!("{} slices of {} frames", frames.used, frames.total) + &troubles(account)
+pub(in crate::cli) fn line(status: &SessionStatus) -> String {
+    let frames = &status.ledger.frames;
+    format!("{} slices of {} frames", frames.used, frames.total) + &troubles(status)
 }
 
 /// Formats the present problems, to follow a line; empty without any.
-pub(in crate::cli) fn troubles(account: &SessionStatus) -> String {
+pub(in crate::cli) fn troubles(status: &SessionStatus) -> String {
     let mut text = String::new();
-    for device in &account.devices {
+    for device in &status.devices {
         let is_well = ["running", REPLAYED].contains(&device.state);
         if !is_well || !device.why.is_empty() {
             text += &format!("; {} is {}", device.name, device.state);
@@ -79,13 +79,13 @@ pub(in crate::cli) fn troubles(account: &SessionStatus) -> String {
             }
         }
     }
-    if account.distortion.is_some_and(|found| found.rms_mm.is_some()) {
+    if status.distortion.is_some_and(|found| found.rms_mm.is_some()) {
         text += "; metal distorts the tracker's field at the probe";
     }
-    if let Some(seconds) = account.stuck_s {
+    if let Some(seconds) = status.stuck_s {
         text += &format!("; scanner frozen for {seconds:.1} s");
     }
-    if let Some(written) = account.recording.as_ref().filter(|written| !written.trouble.is_empty()) {
+    if let Some(written) = status.recording.as_ref().filter(|written| !written.trouble.is_empty()) {
         text += &format!("; not recorded: {}", written.trouble);
     }
     text
@@ -104,7 +104,7 @@ struct Numbers<'a> {
     /// Only for a recording.
     differences: Option<u64>,
     first_difference: Option<&'a str>,
-    seal: Option<&'a ResultDigest>,
+    digest: Option<&'a ResultDigest>,
 }
 
 /// Writes the requested files, and prints a report. For a `replayed` recording, the report
@@ -121,12 +121,12 @@ pub(in crate::cli) fn leave(
     replayed: Option<&Path>,
     differences: Option<&Differences>,
 ) -> Result<(), Failure> {
-    let Finished { outcome, drawn, account, recording, seal, .. } = finished;
-    println!("{}", account.ledger);
-    if let Some(found) = account.distortion.filter(|found| found.frames > 0) {
+    let Finished { outcome, drawn, status, recording, digest, .. } = finished;
+    println!("{}", status.ledger);
+    if let Some(found) = status.distortion.filter(|found| found.frames > 0) {
         println!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);
     }
-    if let (Some(outcome), Some(quantiles)) = (outcome, account.capture_to_volume.quantiles()) {
+    if let (Some(outcome), Some(quantiles)) = (outcome, status.capture_to_volume.quantiles()) {
         println!(
             "{:.1} ms from capture to volume (median; p99 {:.1}, maximum {:.1}), {} voxels updated",
             quantiles.median_ms, quantiles.p99_ms, quantiles.most_ms, outcome.voxels_updated
@@ -148,24 +148,24 @@ pub(in crate::cli) fn leave(
         println!("picture: {} ({} on the way)", path.display(), drawn.pictures);
     }
     if let Some(recording) = recording {
-        let lost = recording.account.lost + recording.lost.total() + recording.after_end.total();
+        let lost = recording.status.lost + recording.lost.total() + recording.after_end.total();
         println!(
             "session: {} ({:.1} MB, {} messages{})",
             recording.path.display(),
-            recording.account.file_bytes as f64 / 1e6,
-            recording.account.stored,
+            recording.status.file_bytes as f64 / 1e6,
+            recording.status.stored,
             if lost > 0 { format!(", {lost} LOST") } else { String::new() }
         );
     }
-    for note in &account.notes {
+    for note in &status.notes {
         say(&format!("note: {note}"));
     }
     let Some(path) = &outputs.stats else { return Ok(()) };
     let numbers = Numbers {
-        statistics: LiveStatistics::new(account, wall, &bedside.effective),
+        statistics: LiveStatistics::new(status, wall, &bedside.effective),
         differences: differences.map(|differences| differences.count),
         first_difference: differences.and_then(|differences| differences.first.as_deref()),
-        seal: seal.as_ref(),
+        digest: digest.as_ref(),
     };
     Ok(write_json(path, &numbers)?)
 }
@@ -175,20 +175,20 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<
     if outputs.volume.is_none() && outputs.weights.is_none() {
         return Ok(());
     }
-    let weaver = &outcome.reconstructor;
-    let Some((low, high)) = weaver.volume().seen_bounds() else {
+    let reconstructor = &outcome.reconstructor;
+    let Some((low, high)) = reconstructor.volume().seen_bounds() else {
         say("no voxel was seen, because the slices' kernel fell between the voxels; give a finer volume.spacing_mm");
         return Ok(());
     };
-    let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
+    let space = DenseBox::around([low, high], reconstructor.world_from_lattice(), reconstructor.settings());
     let encoding = Encoding { scalar: outcome.pixels.scalar(), window: None, unseen: 0.0 };
     // The calibration is recorded in the session. Its file name does not change the volume.
     let calibration = "in the configuration".to_owned();
     let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };
     let mut fields = made.fields();
-    let filled = outputs.filling.fill(weaver.volume(), &space, weaver.settings())?;
+    let filled = outputs.filling.fill(reconstructor.volume(), &space, reconstructor.settings())?;
     fields.extend(filled.iter().flat_map(filling::fields));
-    let volume = filled.as_ref().map_or(weaver.volume(), |filled| filled as &dyn Voxels);
+    let volume = filled.as_ref().map_or(reconstructor.volume(), |filled| filled as &dyn Voxels);
     if let Some(path) = &outputs.volume {
         write_values(volume, &space, path, &encoding, &fields)?;
         let [x, y, z] = space.grid.size;

@@ -8,7 +8,7 @@ use config::bedside::Bedside;
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use pipeline::live::{Recorded, RecordedDecisions};
 
-use super::stages::{Kept, instruments};
+use super::stages::{Kept, roles};
 use crate::cli::Failure;
 
 /// Kind of the note that names the resumed session.
@@ -26,8 +26,8 @@ impl Chain {
     /// [`Failure`] when one cannot be read, or has been moved.
     pub(in crate::cli) fn read(session: &Path) -> Result<Self, Failure> {
         let mut links = vec![(session.to_owned(), RecordedDecisions::read(session)?)];
-        while let Some((path, precedent)) = links.first()
-            && let Some(earlier) = earlier(precedent)
+        while let Some((path, decisions)) = links.first()
+            && let Some(earlier) = earlier(decisions)
         {
             let beside = path.with_file_name(earlier.file_name().unwrap_or_default());
             let Some(found) = [&earlier, &beside].into_iter().find(|path| path.is_file()) else {
@@ -52,8 +52,8 @@ impl Chain {
 
     /// Returns the last session, and its recorded decisions.
     pub(in crate::cli) fn last(&mut self) -> (&Path, &mut RecordedDecisions) {
-        let Some((path, precedent)) = self.0.last_mut() else { unreachable!("a chain has a session") };
-        (path, precedent)
+        let Some((path, decisions)) = self.0.last_mut() else { unreachable!("a chain has a session") };
+        (path, decisions)
     }
 
     /// Prepares each session for a replay, with the devices of its own configuration or of
@@ -63,12 +63,12 @@ impl Chain {
     /// [`Failure`] when one cannot be read.
     pub(in crate::cli) fn recorded(self, other: Option<&Bedside>, pace: Pace) -> Result<Vec<Recorded>, Failure> {
         let last = self.0.len() - 1;
-        let links = self.0.into_iter().enumerate().map(|(at, (path, precedent))| {
-            let own = if other.is_some() { None } else { Some(Kept::at_first(&path, &precedent)?) };
+        let links = self.0.into_iter().enumerate().map(|(at, (path, decisions))| {
+            let own = if other.is_some() { None } else { Some(Kept::at_first(&path, &decisions)?) };
             let Some(bedside) = other.or(own.as_ref()) else { unreachable!("one of them is there") };
             let pace = if at == last { pace } else { Pace::Unpaced };
             let replay = SessionReplay::open(&SessionSettings { pace, ..SessionSettings::new(path) })?;
-            Ok(Recorded { replay, precedent, instruments: instruments(bedside)?.into() })
+            Ok(Recorded { replay, decisions, roles: roles(bedside)?.into() })
         });
         links.collect()
     }
@@ -80,8 +80,8 @@ impl Chain {
 /// [`Failure`] when one cannot be read, or was recorded with other settings.
 pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, Failure> {
     let mut chain = Chain::read(session)?;
-    let (path, precedent) = chain.last();
-    let changes = Kept::bedside(path, precedent)?.changes(bedside);
+    let (path, decisions) = chain.last();
+    let changes = Kept::bedside(path, decisions)?.changes(bedside);
     let of_volume = |key: &str| ["volume.", "calibration.", "pairing."].iter().any(|section| key.starts_with(section));
     let changed = changes.next_session.iter().filter(|change| of_volume(&change.key));
     let changed: Vec<String> = changed.map(ToString::to_string).collect();
@@ -97,8 +97,8 @@ pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, F
 }
 
 /// Returns the session that a session resumes.
-fn earlier(precedent: &RecordedDecisions) -> Option<PathBuf> {
-    let note: Value = serde_json::from_str(precedent.notes(RESUMES).first()?).ok()?;
+fn earlier(decisions: &RecordedDecisions) -> Option<PathBuf> {
+    let note: Value = serde_json::from_str(decisions.notes(RESUMES).first()?).ok()?;
     note.get("session")?.as_str().map(PathBuf::from)
 }
 

@@ -48,9 +48,9 @@ impl Kept {
     ///
     /// # Errors
     /// [`Failure`] when it has none, or none that this version can read.
-    pub(in crate::cli) fn bedside(session: &Path, precedent: &RecordedDecisions) -> Result<Bedside, Failure> {
-        let mut bedside = Self::at_first(session, precedent)?;
-        for newer in precedent.notes(ADOPTED) {
+    pub(in crate::cli) fn bedside(session: &Path, decisions: &RecordedDecisions) -> Result<Bedside, Failure> {
+        let mut bedside = Self::at_first(session, decisions)?;
+        for newer in decisions.notes(ADOPTED) {
             bedside.adopt(&Self::read(session, newer)?);
         }
         Ok(bedside)
@@ -61,8 +61,8 @@ impl Kept {
     ///
     /// # Errors
     /// [`Failure`], as of [`Self::bedside`].
-    pub(in crate::cli) fn at_first(session: &Path, precedent: &RecordedDecisions) -> Result<Bedside, Failure> {
-        let [first] = precedent.notes(CONFIGURATION) else {
+    pub(in crate::cli) fn at_first(session: &Path, decisions: &RecordedDecisions) -> Result<Bedside, Failure> {
+        let [first] = decisions.notes(CONFIGURATION) else {
             return Err(Failure(format!("{}: holds no configuration; give one with --config", session.display())));
         };
         Self::read(session, first)
@@ -113,7 +113,7 @@ fn watch(bedside: &Bedside) -> Option<Watch> {
 ///
 /// # Errors
 /// [`Failure`] for an arm without kinematics.
-pub(in crate::cli) fn instruments(bedside: &Bedside) -> Result<[DeviceRole; 2], Failure> {
+pub(in crate::cli) fn roles(bedside: &Bedside) -> Result<[DeviceRole; 2], Failure> {
     let (gives, frames) = of_tracking(bedside)?;
     let name = TRACKING.to_owned();
     let tracking = DeviceRole { name, gives, frames, latency_ns: bedside.tracking.latency_ns() };

@@ -114,27 +114,27 @@ impl StatusPublisher {
     }
 
     /// Publishes the final status.
-    pub(in crate::cli) fn over(&mut self, account: &SessionStatus) {
+    pub(in crate::cli) fn over(&mut self, status: &SessionStatus) {
         self.told = Some(Instant::now());
-        self.latest.tell(account, &[]);
+        self.latest.tell(status, &[]);
     }
 
     /// Publishes the status while the session runs, and once when it begins to end.
-    pub(in crate::cli) fn look(&mut self, account: &SessionStatus, line: fn(&SessionStatus) -> String, ends: bool) {
+    pub(in crate::cli) fn look(&mut self, status: &SessionStatus, line: fn(&SessionStatus) -> String, ends: bool) {
         if ends {
             self.latest.end();
             self.service.stopping();
-            self.service.status(&format!("ends: {}", line(account)));
+            self.service.status(&format!("ends: {}", line(status)));
         } else {
-            self.service.look(account, line);
+            self.service.look(status, line);
         }
         if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
             self.told = Some(Instant::now());
             // Scan guidance is useless for a replay.
             if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+                self.latest.coached(coach.tell(status, Monotonic.now_ns()));
             }
-            self.latest.tell(account, self.service.still());
+            self.latest.tell(status, self.service.still());
         }
     }
 }

@@ -70,11 +70,11 @@ impl ViewClient for Viewers {
         self.picture().most_hz
     }
 
-    fn dressing(&self) -> u64 {
+    fn style_revision(&self) -> u64 {
         self.screen.as_ref().map_or(0, |screen| screen.dressing())
     }
 
-    fn dress(&self, settings: &mut RenderSettings) {
+    fn restyle(&self, settings: &mut RenderSettings) {
         if let Some(screen) = &self.screen {
             screen.put_on(settings);
         }

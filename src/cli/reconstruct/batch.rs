@@ -7,7 +7,7 @@ use statistics::Statistics;
 
 use super::beside::Beside;
 use super::flags::Flags;
-use super::one::weave;
+use super::one::reconstruct;
 use crate::cli::{Failure, input};
 
 /// Reconstructs each recording into a volume of its name in a folder. A failed recording does
@@ -23,7 +23,7 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
     let mut failed = 0;
     for (sequence, (output, beside)) in sequences.iter().zip(outputs) {
         let name = sequence.display().to_string();
-        rows.push(match weave(sequence, &output, flags, beside) {
+        rows.push(match reconstruct(sequence, &output, flags, beside) {
             Ok(statistics) => done(name, &statistics, &output),
             Err(Failure(why)) => {
                 failed += 1;

@@ -6,17 +6,18 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use config::Settings as Config;
-use drivers::OpenSettings;
 use drivers::replay::SequenceSettings;
 use export::volume::{DenseBox, Encoding, Scalar};
 use mask::{Clip, parse_fan};
-use pipeline::{Job, Outcome, PixelKind};
+use pipeline::live::Session;
+use pipeline::{Outcome, PixelKind};
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::{OnDeparture, PlanarSettings};
 use reconstruct::{Settings, Simd};
 
 use super::beside::Beside;
 use super::filling::FillFlags;
+use super::sweep::Sweep;
 use super::weighing::Weighing;
 use crate::cli::dicom::flags::{DicomFlags, is_dicom};
 use crate::cli::{Failure, input, values};
@@ -153,11 +154,11 @@ enum ScalarName {
 }
 
 impl Flags {
-    /// Returns the job for the pipeline.
+    /// Returns the sequence with the settings of its reconstruction.
     ///
     /// # Errors
     /// [`Failure`] when files cannot be read or flags contradict each other.
-    pub(in crate::cli) fn job(&self, sequence: &Path) -> Result<Job, Failure> {
+    pub(in crate::cli) fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
         let mut config = match &self.config {
             Some(path) => Config::read(path, self.preset.as_deref())?,
             None => Config::default(),
@@ -188,15 +189,7 @@ impl Flags {
             return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
         }
         settings.memory_bytes = most as u64;
-        let sequence = SequenceSettings { told: input::turning(), ..SequenceSettings::new(sequence) };
-        Ok(Job {
-            survey: OpenSettings::Sequence(SequenceSettings { images: false, ..sequence.clone() }),
-            input: OpenSettings::Sequence(sequence),
-            config,
-            world: self.world.clone(),
-            mask,
-            settings,
-            off_plane,
+        let session = Session {
             path: match self.path {
                 PathName::Auto if self.origin.is_some() || self.size.is_some() => PathChoice::WorldBox,
                 PathName::Auto => PathChoice::Auto,
@@ -211,8 +204,11 @@ impl Flags {
                 },
                 ..PlanarSettings::default()
             },
-            frames: self.frames.clone().unwrap_or(0..u64::MAX),
-        })
+            ..Session::new(config.pairing_options(self.world.as_deref()), mask, settings)
+        };
+        let input = SequenceSettings { told: input::turning(), ..SequenceSettings::new(sequence) };
+        let frames = self.frames.clone().unwrap_or(0..u64::MAX);
+        Ok(Sweep { input, frames, off_plane, session, config })
     }
 
     /// Checks that the folders of all outputs exist, and that no output is the input.

@@ -11,7 +11,7 @@ use export::fill::{FILLED, Filled};
 use export::planes::{PlanesOptions, Shown, Window, planes};
 use export::volume::{DenseBox, Encoding, write_values, write_weights};
 use mask::MaskSettings;
-use pipeline::{Job, Outcome};
+use pipeline::Outcome;
 use reconstruct::Path as Way;
 use statistics::{FillNumbers, Source, Statistics};
 use volume::Voxels;
@@ -20,6 +20,7 @@ use volume::brick_volume::SEEN;
 use super::beside::Beside;
 use super::filling::{self, advised};
 use super::flags::Flags;
+use super::sweep::Sweep;
 use crate::cli::dicom::flags::is_dicom;
 use crate::cli::provenance::Made;
 use crate::cli::{Failure, input};
@@ -46,14 +47,16 @@ impl<'a> Request<'a> {
         output: Option<&'a Path>,
         flags: &'a Flags,
         beside: Beside,
-    ) -> Result<(Self, Job), Failure> {
+    ) -> Result<(Self, Sweep), Failure> {
         let began = Instant::now();
-        let job = flags.job(sequence)?;
+        let sweep = flags.sweep(sequence)?;
         flags.check_outputs(sequence, output, &beside)?;
-        flags.filling.check(&job.settings, output.is_some() || beside.weights.is_some() || beside.planes.is_some())?;
-        let frames = (job.frames != (0..u64::MAX)).then_some([job.frames.start, job.frames.end]);
-        let (config, mask) = (job.config.clone(), job.mask);
-        Ok((Self { sequence, output, flags, beside, began, config, mask, frames }, job))
+        flags
+            .filling
+            .check(&sweep.session.settings, output.is_some() || beside.weights.is_some() || beside.planes.is_some())?;
+        let frames = (sweep.frames != (0..u64::MAX)).then_some([sweep.frames.start, sweep.frames.end]);
+        let (config, mask) = (sweep.config.clone(), sweep.session.mask);
+        Ok((Self { sequence, output, flags, beside, began, config, mask, frames }, sweep))
     }
 
     /// Writes the requested files, prints a report, and returns the statistics; `picture` holds

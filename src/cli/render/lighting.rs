@@ -7,7 +7,7 @@ use render::classify::light::{DepthCue, Light, Source};
 use crate::cli::{Failure, values};
 
 /// The light, if it is not the default one.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Light (modes shaded and iso)")]
 pub(in crate::cli) struct Lighting {
     /// Direction of the light: headlight (at the eye), or the direction towards it in the world,

@@ -13,7 +13,7 @@ use render::camera::View;
 use render::classify::light::Light;
 
 /// View, mode and quality of a picture.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Picture")]
 pub(in crate::cli) struct Look {
     /// Pixels of the picture

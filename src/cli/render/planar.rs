@@ -13,7 +13,7 @@ use render::section::{Box3, Plane, Sampled};
 use sonoweave_core::keys::numbers;
 
 /// Planes through a volume.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Planes (--mode slice) and what is drawn over pictures")]
 pub(in crate::cli) struct PlanarFlags {
     /// Intersection of the three planes, world mm [default: the centre of the seen voxels]

@@ -15,6 +15,7 @@ use statistics::{Milliseconds, PictureNumbers, PictureStatistics};
 use volume::brick::BrickIndex;
 use volume::lattice::{Shifted, canonical, shift};
 
+use super::Follow;
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
@@ -22,14 +23,14 @@ use crate::cli::render::look::Look;
 use crate::cli::render::planar::Draw;
 
 /// Renders after each slice.
-pub(super) struct Following<'a> {
-    look: &'a Look,
+pub(super) struct Following {
+    look: Look,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
     pub(super) cache: Cache,
     pub(super) cache_bytes: u64,
-    begun: Option<Begun>,
+    first: Option<FirstSlice>,
     slices: u64,
     to_picture_ms: Vec<f64>,
     shade_ms: Vec<f64>,
@@ -38,7 +39,7 @@ pub(super) struct Following<'a> {
 }
 
 /// State that the first slice determines.
-struct Begun {
+struct FirstSlice {
     renderer: Renderer,
     /// Offset of voxel indices from the inserter's lattice to the canonical one.
     offset: [i64; 3],
@@ -46,7 +47,7 @@ struct Begun {
     last: Option<(Slice, ClipRect)>,
 }
 
-impl Begun {
+impl FirstSlice {
     /// Returns the present picture and the data for annotations.
     fn over<'a>(&'a self, look: &Look) -> Over<'a> {
         let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
@@ -54,16 +55,16 @@ impl Begun {
     }
 }
 
-impl<'a> Following<'a> {
-    pub(super) fn new(look: &'a Look, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
+impl Following {
+    pub(super) fn new(look: &Look, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
         Self {
-            look,
+            look: look.clone(),
             window,
             threads,
             series,
             cache: Cache::default(),
             cache_bytes: CACHE_BYTES,
-            begun: None,
+            first: None,
             slices: 0,
             to_picture_ms: Vec::new(),
             shade_ms: Vec::new(),
@@ -73,62 +74,20 @@ impl<'a> Following<'a> {
     }
 
     /// Begins at the first slice, when the lattice and the extent of all slices are known.
-    fn begin(&self, woven: &InsertedSlice) -> Result<Begun, Failure> {
-        let range = self.window.unwrap_or_else(|| woven.pixels.grey_levels());
+    fn begin(&self, inserted: &InsertedSlice) -> Result<FirstSlice, Failure> {
+        let range = self.window.unwrap_or_else(|| inserted.pixels.grey_levels());
         let settings = RenderSettings {
             cache: self.cache,
             cache_bytes: self.cache_bytes,
-            ..self.look.settings(range, woven.slice_axes, self.threads)?
+            ..self.look.settings(range, inserted.slice_axes, self.threads)?
         };
-        let lattice = canonical(woven.weaver.world_from_lattice());
-        let Some(reached) = woven.reached else {
+        let lattice = canonical(inserted.reconstructor.world_from_lattice());
+        let Some(reached) = inserted.reached else {
             return Err(Failure("no slice has a pose; check the transforms".into()));
         };
         let [low, high] = reached.map(|voxel| lattice.index(voxel));
         let stage = RenderRegion::new(lattice.world_from_lattice, low, high)?;
-        Ok(Begun { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset, last: None })
-    }
-
-    /// Draws what a slice has changed.
-    ///
-    /// # Errors
-    /// [`Failure`] when a picture cannot be drawn or written.
-    pub(super) fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
-        if self.begun.is_none() {
-            self.begun = Some(self.begin(woven)?);
-        }
-        let Some(begun) = &mut self.begun else { return Ok(()) };
-        let Begun { renderer, offset, last } = begun;
-        *last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
-        let began = Instant::now();
-        let span = trace_span!(target: STAGE, "draw", frame = woven.item, slices = self.slices + 1).entered();
-        let volume = Shifted::new(woven.weaver.volume(), *offset);
-        let updated = if woven.upgraded {
-            renderer.update_all(&volume)
-        } else {
-            let bricks = if *offset == [0; 3] {
-                woven.touched
-            } else {
-                shift(woven.touched, *offset, &mut self.shifted);
-                &self.shifted
-            };
-            match woven.slab {
-                Some(slab) => renderer.update_within(&volume, bricks, &slab.shifted(*offset)),
-                None => renderer.update(&volume, bricks),
-            }
-        };
-        drop(span);
-        let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
-        self.to_picture_ms.push(milliseconds(woven.insert + began.elapsed()));
-        self.shade_ms.push(milliseconds(updated.shade));
-        self.rays_ms.push(milliseconds(updated.rays));
-        self.slices += 1;
-        if let Some(path) =
-            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, woven.item))
-        {
-            begun.over(self.look).write(&self.look.planar.drawn(&[Draw::Slice, Draw::Probe]), &path)?;
-        }
-        Ok(())
+        Ok(FirstSlice { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset, last: None })
     }
 
     /// Writes the last picture. Returns `None` if there was no slice.
@@ -136,18 +95,58 @@ impl<'a> Following<'a> {
     /// # Errors
     /// [`Failure`] when it cannot be written.
     pub(super) fn finish(&self, path: Option<&Path>) -> Result<Option<PictureStatistics>, Failure> {
-        let Some(begun) = &self.begun else { return Ok(None) };
+        let Some(first) = &self.first else { return Ok(None) };
         let mut drawn = Vec::new();
         if let Some(path) = path {
-            drawn = begun.over(self.look).write(&self.look.planar.drawn(&[]), path)?;
+            drawn = first.over(&self.look).write(&self.look.planar.drawn(&[]), path)?;
         }
         Ok(Some(PictureStatistics {
             slice_to_picture_ms: Milliseconds::of(&self.to_picture_ms),
             shade_ms: Milliseconds::of(&self.shade_ms),
             rays_ms: Milliseconds::of(&self.rays_ms),
             drawn,
-            picture: PictureNumbers::of(&begun.renderer, self.look.image_size),
+            picture: PictureNumbers::of(&first.renderer, self.look.image_size),
         }))
+    }
+}
+
+impl Follow for Following {
+    fn follow(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), Failure> {
+        if self.first.is_none() {
+            self.first = Some(self.begin(inserted)?);
+        }
+        let Some(first) = &mut self.first else { return Ok(()) };
+        let FirstSlice { renderer, offset, last } = first;
+        *last = inserted.mask.bounds().map(|data| (inserted.slice.clone(), data));
+        let began = Instant::now();
+        let span = trace_span!(target: STAGE, "draw", frame = inserted.item, slices = self.slices + 1).entered();
+        let volume = Shifted::new(inserted.reconstructor.volume(), *offset);
+        let updated = if inserted.upgraded {
+            renderer.update_all(&volume)
+        } else {
+            let bricks = if *offset == [0; 3] {
+                inserted.touched
+            } else {
+                shift(inserted.touched, *offset, &mut self.shifted);
+                &self.shifted
+            };
+            match inserted.slab {
+                Some(slab) => renderer.update_within(&volume, bricks, &slab.shifted(*offset)),
+                None => renderer.update(&volume, bricks),
+            }
+        };
+        drop(span);
+        let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
+        self.to_picture_ms.push(milliseconds(inserted.insert + began.elapsed()));
+        self.shade_ms.push(milliseconds(updated.shade));
+        self.rays_ms.push(milliseconds(updated.rays));
+        self.slices += 1;
+        if let Some(path) =
+            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, inserted.item))
+        {
+            first.over(&self.look).write(&self.look.planar.drawn(&[Draw::Slice, Draw::Probe]), &path)?;
+        }
+        Ok(())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Planes through a volume during its reconstruction, or through its slices.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -16,6 +16,7 @@ use render::settings::pool;
 use statistics::Milliseconds;
 use volume::lattice::{Shifted, canonical};
 
+use super::Follow;
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::look::Look;
@@ -32,20 +33,20 @@ pub(super) enum Source {
 }
 
 /// Draws planes. The volume is sampled only when a picture is due.
-pub(super) struct Planes<'a> {
-    look: &'a Look,
+pub(super) struct Planes {
+    look: Look,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
     source: Source,
-    begun: Option<Begun>,
+    first: Option<FirstSlice>,
     slices: u64,
     to_planes_ms: Vec<f64>,
     work: PlanarWork,
 }
 
 /// State that the first slice determines.
-struct Begun {
+struct FirstSlice {
     sheet: Sheet,
     place: Box3,
     /// Offset of voxel indices from the inserter's lattice to the canonical one.
@@ -72,21 +73,21 @@ pub(super) struct PlanesStatistics {
     nearest_work: Option<NearestWork>,
 }
 
-impl<'a> Planes<'a> {
+impl Planes {
     pub(super) fn new(
-        look: &'a Look,
+        look: &Look,
         window: Option<[f32; 2]>,
         threads: usize,
         series: Option<Series>,
         source: Source,
     ) -> Self {
         Self {
-            look,
+            look: look.clone(),
             window,
             threads,
             series,
             source,
-            begun: None,
+            first: None,
             slices: 0,
             to_planes_ms: Vec::new(),
             work: PlanarWork::default(),
@@ -94,9 +95,9 @@ impl<'a> Planes<'a> {
     }
 
     /// Begins at the first slice, when the lattice and the extent of all slices are known.
-    fn begin(&self, woven: &InsertedSlice) -> Result<Begun, Failure> {
-        let lattice = canonical(woven.weaver.world_from_lattice());
-        let (Some(reached), Some(kernels)) = (woven.reached, woven.weaver.kernels()) else {
+    fn begin(&self, inserted: &InsertedSlice) -> Result<FirstSlice, Failure> {
+        let lattice = canonical(inserted.reconstructor.world_from_lattice());
+        let (Some(reached), Some(kernels)) = (inserted.reached, inserted.reconstructor.kernels()) else {
             return Err(Failure("no slice has a pose; check the transforms".into()));
         };
         let place = Box3::new(lattice.world_from_lattice, reached.map(|voxel| lattice.index(voxel)));
@@ -105,45 +106,20 @@ impl<'a> Planes<'a> {
             Source::Volume => Vec::new(),
             Source::Raw => sheet.panels.iter().map(|panel| NearestSlices::new(panel.section)).collect(),
         };
-        Ok(Begun {
+        Ok(FirstSlice {
             sheet,
             place,
             offset: lattice.offset,
-            window: self.window.unwrap_or_else(|| woven.pixels.grey_levels()),
+            window: self.window.unwrap_or_else(|| inserted.pixels.grey_levels()),
             reach_mm: kernels[2].support_mm,
             nearest,
             pool: pool(self.threads)?,
         })
     }
 
-    /// Draws what a slice has changed.
-    ///
-    /// # Errors
-    /// [`Failure`] when a picture cannot be drawn or written.
-    pub(super) fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
-        if self.begun.is_none() {
-            self.begun = Some(self.begin(woven)?);
-        }
-        let Some(begun) = &mut self.begun else { return Ok(()) };
-        let began = Instant::now();
-        for nearest in &mut begun.nearest {
-            nearest.insert(woven.item, woven.slice, woven.mask, begun.reach_mm);
-        }
-        self.to_planes_ms.push((woven.insert + began.elapsed()).as_secs_f64() * 1e3);
-        self.slices += 1;
-        if let Some(path) =
-            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, woven.item))
-        {
-            let (sampled, work) = begun.sampled(woven.weaver);
-            self.work += work;
-            self.write(&sampled, &path)?;
-        }
-        Ok(())
-    }
-
     fn write(&self, sampled: &[Vec<Sampled>], path: &Path) -> Result<(), Failure> {
-        let Some(begun) = &self.begun else { return Ok(()) };
-        Ok(write_rgb(&begun.sheet.draw(sampled, begun.window, self.look.planar.wash())?, path)?)
+        let Some(first) = &self.first else { return Ok(()) };
+        Ok(write_rgb(&first.sheet.draw(sampled, first.window, self.look.planar.wash())?, path)?)
     }
 
     /// Writes the last picture. Returns `None` if there was no slice.
@@ -155,33 +131,56 @@ impl<'a> Planes<'a> {
         path: Option<&Path>,
         outcome: &Outcome,
     ) -> Result<Option<PlanesStatistics>, Failure> {
-        let Some(begun) = &self.begun else { return Ok(None) };
-        let (sampled, work) = begun.sampled(&outcome.reconstructor);
+        let Some(first) = &self.first else { return Ok(None) };
+        let (sampled, work) = first.sampled(&outcome.reconstructor);
         self.work += work;
         if let Some(path) = path {
             self.write(&sampled, path)?;
         }
         let raw = self.source == Source::Raw;
         let mut nearest_work = NearestWork::default();
-        begun.nearest.iter().for_each(|nearest| nearest_work += nearest.work());
+        first.nearest.iter().for_each(|nearest| nearest_work += nearest.work());
         Ok(Some(PlanesStatistics {
             slice_to_planes_ms: Milliseconds::of(&self.to_planes_ms),
             from: if raw { "raw" } else { "volume" },
-            reach_mm: raw.then_some(begun.reach_mm),
-            picture: self.look.planar.numbers(&begun.sheet, &sampled),
+            reach_mm: raw.then_some(first.reach_mm),
+            picture: self.look.planar.numbers(&first.sheet, &sampled),
             planar_work: (!raw).then_some(self.work),
             nearest_work: raw.then_some(nearest_work),
         }))
     }
 }
 
-impl Begun {
-    fn sampled(&self, weaver: &PathReconstructor) -> (Vec<Vec<Sampled>>, PlanarWork) {
+impl Follow for Planes {
+    fn follow(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), Failure> {
+        if self.first.is_none() {
+            self.first = Some(self.begin(inserted)?);
+        }
+        let Some(first) = &mut self.first else { return Ok(()) };
+        let began = Instant::now();
+        for nearest in &mut first.nearest {
+            nearest.insert(inserted.item, inserted.slice, inserted.mask, first.reach_mm);
+        }
+        self.to_planes_ms.push((inserted.insert + began.elapsed()).as_secs_f64() * 1e3);
+        self.slices += 1;
+        if let Some(path) =
+            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, inserted.item))
+        {
+            let (sampled, work) = first.sampled(inserted.reconstructor);
+            self.work += work;
+            self.write(&sampled, &path)?;
+        }
+        Ok(())
+    }
+}
+
+impl FirstSlice {
+    fn sampled(&self, reconstructor: &PathReconstructor) -> (Vec<Vec<Sampled>>, PlanarWork) {
         let mut work = PlanarWork::default();
         if !self.nearest.is_empty() {
             return (self.nearest.iter().map(NearestSlices::sampled).collect(), work);
         }
-        let volume = Shifted::new(weaver.volume(), self.offset);
+        let volume = Shifted::new(reconstructor.volume(), self.offset);
         let planar = Planar { volume: &volume, place: self.place, pool: self.pool.as_deref() };
         let sample = |panel: &SheetPanel| {
             let (pixels, done) = planar.sample(&panel.section);
@@ -194,7 +193,7 @@ impl Begun {
 
 /// Prints the drawn planes to stdout.
 #[allow(clippy::print_stdout, reason = "the command's output")]
-pub(super) fn report(statistics: &PlanesStatistics, path: Option<&PathBuf>) {
+pub(super) fn report(statistics: &PlanesStatistics, path: Option<&Path>) {
     let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());
     let of = if statistics.from == "raw" { "the nearest slices" } else { "the volume" };
     println!("{name}: {}, of {of}", statistics.picture);

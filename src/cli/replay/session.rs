@@ -47,10 +47,10 @@ impl Wanted<'_> {
             input::check_is_not(output, session)?;
         }
         let mut chain = Chain::read(session)?;
-        let (_, precedent) = chain.last();
+        let (_, decisions) = chain.last();
         let bedside = match config {
             Some(path) => Bedside::read(path).map_err(Failure::configuration)?,
-            None => Kept::bedside(session, precedent)?,
+            None => Kept::bedside(session, decisions)?,
         };
         outputs.check(&bedside)?;
         Ok((chain, bedside))
@@ -65,19 +65,19 @@ impl Wanted<'_> {
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Wanted { session, config, pace, all, series, outputs, sharing } = wanted;
     let (mut chain, bedside) = wanted.open()?;
-    let (_, precedent) = chain.last();
-    let (missing, dropped) = (precedent.missing(), precedent.dropped());
+    let (_, decisions) = chain.last();
+    let (missing, dropped) = (decisions.missing(), decisions.dropped());
     if missing > 0 {
         say(&format!("{missing} messages were lost during the recording; their effect cannot be replayed"));
     }
     if *all {
-        precedent.use_all();
+        decisions.use_all();
         say(&format!(
             "{dropped} frames and readings that were dropped when it was live are used, {}",
             if dropped > 0 { "so that the volume is another one" } else { "of which there are none" }
         ));
     }
-    let was_sealed = precedent.seal().is_some();
+    let was_sealed = decisions.digest().is_some();
     let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let ends = until_told()?;
@@ -92,13 +92,13 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     }
     let policy = SchedulingPolicy::default();
     let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &ends, |account| {
+    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &ends, |status| {
         if let Some(shared) = &mut shared {
-            shared.tell(|| line(account));
+            shared.tell(|| line(status));
         }
         if said.elapsed() >= SAID_EVERY {
             said = Instant::now();
-            say(&line(account));
+            say(&line(status));
         }
         Vec::new()
     })?;

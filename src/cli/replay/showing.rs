@@ -94,7 +94,7 @@ impl Showing<'_> {
             }
             self.desk.runs(false, name_of(self.wanted.session));
             let held = match self.weave(&stages, &bedside, is_tried) {
-                Ok(woven) => woven,
+                Ok(inserted) => inserted,
                 Err(Failure(why)) if is_tried => {
                     say(&why);
                     self.desk.happened(
@@ -114,7 +114,7 @@ impl Showing<'_> {
             if !self.desk.stopped() && !self.quit.load(Ordering::Relaxed) {
                 self.tell(&held, differences.as_ref());
             }
-            self.telling.over(held.account());
+            self.telling.over(held.status());
             if !self.look(&held) {
                 let finished = held.finish();
                 if let Some(shared) = self.shared {
@@ -172,29 +172,29 @@ impl Showing<'_> {
         let desk = Arc::clone(&self.desk);
         let policy = SchedulingPolicy::default();
         let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-        Ok(pipeline::live::run(stages, inputs, &Monotonic, desk.turns(), |account| {
+        Ok(pipeline::live::run(stages, inputs, &Monotonic, desk.turns(), |status| {
             if self.said.elapsed() >= SAID_EVERY {
                 self.said = Instant::now();
-                say(&line(account));
+                say(&line(status));
             }
-            self.watch(account);
+            self.watch(status);
             Vec::new()
         })?)
     }
 
     /// Publishes the status to observers. The pipeline calls this at regular intervals.
-    fn watch(&mut self, account: &SessionStatus) {
+    fn watch(&mut self, status: &SessionStatus) {
         let quits = self.quit.load(Ordering::Relaxed);
-        self.desk.goes_on(&account.world, quits);
-        self.telling.look(account, line, quits);
+        self.desk.update(&status.world, quits);
+        self.telling.look(status, line, quits);
         if let Some(shared) = &mut self.shared {
-            shared.tell(|| line(account));
+            shared.tell(|| line(status));
         }
     }
 
     /// Reports the result of a complete replay.
     fn tell(&self, held: &EndedSession<'_>, differences: Option<&Differences>) {
-        let slices = held.account().ledger.frames.used;
+        let slices = held.status().ledger.frames.used;
         let (how, says) = match differences {
             None => (Progress::Done, format!("the replay with other settings has ended: {slices} slices")),
             Some(Differences { count: 0, .. }) => (
@@ -221,8 +221,8 @@ impl Showing<'_> {
                 return true;
             }
             desk.is_over();
-            held.linger(desk.turns(), |account| {
-                self.watch(account);
+            held.serve(desk.turns(), |status| {
+                self.watch(status);
                 if let Some(place) = desk.replayed().and_then(Replayed::wanted)
                     && let Err(why) = self.show(place)
                 {

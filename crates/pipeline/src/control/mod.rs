@@ -361,7 +361,7 @@ impl SessionController {
 
     /// Called regularly while the session runs. `world` names the volume's coordinate system.
     /// If the program `quits`, the session is to end.
-    pub fn goes_on(&self, world: &str, quits: bool) {
+    pub fn update(&self, world: &str, quits: bool) {
         if quits {
             self.turn.store(true, Ordering::Relaxed);
         }

@@ -31,19 +31,19 @@ pub(super) fn run(
     device: &mut dyn Device,
     common: Common<'_>,
     ends: &AtomicBool,
-    intake: &EventSequencer<'_>,
+    sequencer: &EventSequencer<'_>,
 ) -> Result<(), sonoweave_core::Error> {
-    let Common { clock, board, .. } = common;
+    let Common { clock, status, .. } = common;
     let mut set_up = u64::MAX;
-    let beat = board.pulse.of(Stage::Capture(source));
+    let turns = status.pulse.of(Stage::Capture(source));
     device.start()?;
     while !ends.load(Ordering::Relaxed) {
-        beat.turn();
+        turns.turn();
         let next = device.next(clock.now_ns() + TURN)?;
-        board.health(source, device.health());
+        status.health(source, device.health());
         if device.health().received.set_up != set_up {
             set_up = device.health().received.set_up;
-            if !intake.set_up(source, device.describe()) {
+            if !sequencer.set_up(source, device.describe()) {
                 break;
             }
         }
@@ -51,7 +51,7 @@ pub(super) fn run(
             Next::Reading(reading) => {
                 let frame = matches!(reading, Reading::Frame(_)).then(|| reading.stamp().item);
                 let _span = frame.map(|frame| trace_span!(target: STAGE, "capture", frame).entered());
-                intake.take(source, reading)
+                sequencer.take(source, reading)
             }
             Next::Pending => true,
             Next::End => false,
@@ -61,26 +61,26 @@ pub(super) fn run(
         }
     }
     let stopped = device.stop();
-    board.health(source, device.health());
+    status.health(source, device.health());
     stopped
 }
 
 /// Assumed size of an unknown frame, bytes.
 const USUAL_FRAME: u64 = 1920 * 1080;
 
-/// Devices, instruments and unit protocols, each in the order of the devices' indices.
+/// Devices, roles and unit protocols, each in the order of the devices' indices.
 pub(super) struct Parts {
     pub(super) devices: Vec<Box<dyn Device>>,
-    pub(super) instruments: Vec<DeviceRole>,
-    pub(super) speeches: Vec<Option<LineProtocol>>,
+    pub(super) roles: Vec<DeviceRole>,
+    pub(super) protocols: Vec<Option<LineProtocol>>,
 }
 
 pub(super) fn parts(equipment: Vec<SessionDevice>) -> Parts {
-    let mut parts = Parts { devices: Vec::new(), instruments: Vec::new(), speeches: Vec::new() };
-    for SessionDevice { instrument, device, speech } in equipment {
+    let mut parts = Parts { devices: Vec::new(), roles: Vec::new(), protocols: Vec::new() };
+    for SessionDevice { role, device, protocol } in equipment {
         parts.devices.push(device);
-        parts.instruments.push(instrument);
-        parts.speeches.push(speech);
+        parts.roles.push(role);
+        parts.protocols.push(protocol);
     }
     parts
 }
@@ -96,22 +96,22 @@ pub(super) fn capturing<'scope, 'env>(
     policy: &SchedulingPolicy,
     common: Common<'env>,
     ends: &'env AtomicBool,
-    intake: &'env EventSequencer<'env>,
+    sequencer: &'env EventSequencer<'env>,
 ) -> Vec<Capturing<'scope>> {
     let capture = |(source, mut device): (usize, Box<dyn Device>)| {
         spawn(scope, &format!("capture-{}", names[source]), (policy, Role::Capture), move || {
-            let ran = run(source, device.as_mut(), common, ends, intake);
-            ran.inspect_err(|error| common.board.failed(source, error))
+            let ran = run(source, device.as_mut(), common, ends, sequencer);
+            ran.inspect_err(|error| common.status.failed(source, error))
         })
     };
     devices.into_iter().enumerate().map(capture).collect()
 }
 
 /// Waits for the capture threads, and notes the errors of those that failed.
-pub(super) fn captured(captures: Vec<Capturing<'_>>, names: &[String], board: &StatusCollector) {
+pub(super) fn captured(captures: Vec<Capturing<'_>>, names: &[String], status: &StatusCollector) {
     for (capture, name) in captures.into_iter().zip(names) {
         if let Err(error) = joined(capture) {
-            board.note(format!("{name}: {error}"));
+            status.note(format!("{name}: {error}"));
         }
     }
 }

@@ -45,11 +45,11 @@ impl InFlight {
 #[derive(Clone, Copy)]
 pub(super) struct Common<'a> {
     pub(super) clock: &'a dyn Clock,
-    pub(super) board: &'a StatusCollector,
+    pub(super) status: &'a StatusCollector,
     pub(super) recorder: &'a Recorder,
     pub(super) in_flight: &'a InFlight,
     /// The recorded decisions, if this session is a replay.
-    pub(super) precedent: Option<&'a RecordedDecisions>,
+    pub(super) decisions: Option<&'a RecordedDecisions>,
     /// The observers, which change nothing.
     pub(super) observers: &'a [Arc<dyn Observer>],
 }
@@ -57,22 +57,22 @@ pub(super) struct Common<'a> {
 impl Common<'_> {
     /// Records that a frame got its pose.
     pub(super) fn placed(&self, item: u64, frame: &FrameTime, placed: &Placed) {
-        if self.precedent.is_none() && !self.recorder.records() {
+        if self.decisions.is_none() && !self.recorder.records() {
             return;
         }
         let found = PlacedFrame::new(item, frame, placed);
-        if let Some(precedent) = self.precedent {
-            precedent.placed(&found);
+        if let Some(decisions) = self.decisions {
+            decisions.placed(&found);
         }
         self.recorder.note(PLACED, &found, self.clock.now_ns());
     }
 
-    fn decide(&self, frame: u64, fate: FrameOutcome) {
+    fn decide(&self, frame: u64, outcome: FrameOutcome) {
         self.in_flight.leave();
-        if let Some(precedent) = self.precedent {
-            precedent.decided(frame, &fate);
+        if let Some(decisions) = self.decisions {
+            decisions.decided(frame, &outcome);
         }
-        self.recorder.note(DECISION, &Decided { frame, fate }, self.clock.now_ns());
+        self.recorder.note(DECISION, &Decided { frame, outcome }, self.clock.now_ns());
     }
 
     /// Counts a frame on its way as inserted into the volume.
@@ -82,13 +82,13 @@ impl Common<'_> {
 
     /// Counts a frame on its way as refused.
     pub(super) fn refuse(&self, refusal: &Refusal) {
-        self.board.refused(refusal);
+        self.status.refused(refusal);
         self.decide(refusal.item, FrameOutcome::of(refusal));
     }
 
     /// Counts a frame on its way as dropped before a full queue.
     pub(super) fn drop_before(&self, queue: Queue, item: u64) {
-        self.board.dropped_frame(queue);
+        self.status.dropped_frame(queue);
         self.decide(item, FrameOutcome::Dropped(queue));
     }
 }

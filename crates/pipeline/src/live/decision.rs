@@ -90,7 +90,7 @@ impl FrameOutcome {
 pub(super) struct Decided {
     pub(super) frame: u64,
     #[serde(flatten)]
-    pub(super) fate: FrameOutcome,
+    pub(super) outcome: FrameOutcome,
 }
 
 #[cfg(test)]
@@ -101,11 +101,11 @@ mod tests {
     fn reason_paused_of_earlier_versions_reads_as_frozen() {
         let read = |text| serde_json::from_str::<Decided>(text).unwrap();
         let old = read(r#"{"frame":3,"refused":{"reason":"paused","detail":"why"}}"#);
-        let new = Decided { frame: 3, fate: FrameOutcome::of(&Refusal::new(3, Reason::Frozen, "why")) };
+        let new = Decided { frame: 3, outcome: FrameOutcome::of(&Refusal::new(3, Reason::Frozen, "why")) };
         assert_eq!(old, new);
         let text = serde_json::to_string(&new).unwrap();
         assert!(text.contains("\"frozen\"") && read(&text) == new, "{text}");
         let other = read(r#"{"frame":3,"refused":{"reason":"repeated","detail":""}}"#);
-        assert_eq!(other.fate.words(), "refused (repeated)");
+        assert_eq!(other.outcome.words(), "refused (repeated)");
     }
 }

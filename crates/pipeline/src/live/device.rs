@@ -20,9 +20,9 @@ pub struct DeviceRole {
 /// A device of a session.
 pub struct SessionDevice {
     /// Its description.
-    pub instrument: DeviceRole,
+    pub role: DeviceRole,
     /// The device, stopped.
     pub device: Box<dyn Device>,
     /// Protocol of its lines, if their bytes are recorded as readings, too.
-    pub speech: Option<LineProtocol>,
+    pub protocol: Option<LineProtocol>,
 }

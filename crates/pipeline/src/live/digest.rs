@@ -11,7 +11,7 @@ use volume::brick::VOXELS;
 use volume::read::Voxels;
 
 /// Kind of the note.
-pub(super) const SEAL: &str = "seal";
+pub(super) const DIGEST: &str = "seal";
 
 /// Digest of a session's result.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]

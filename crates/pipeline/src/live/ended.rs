@@ -29,21 +29,23 @@ pub struct EndedSession<'a> {
     pub(super) volume: Shared,
     pub(super) view: Option<SharedViewClient>,
     pub(super) drawn: Option<Drawn>,
-    pub(super) account: SessionStatus,
+    pub(super) status: SessionStatus,
     pub(super) recording: Option<Recording>,
-    pub(super) seal: Option<ResultDigest>,
+    pub(super) digest: Option<ResultDigest>,
     pub(super) decisions: Option<RecordedDecisions>,
+    /// Insertion times of a sequence's slices, ms.
+    pub(super) insert_ms: Vec<f64>,
 }
 
 impl EndedSession<'_> {
     /// Returns its final status.
-    pub fn account(&self) -> &SessionStatus {
-        &self.account
+    pub fn status(&self) -> &SessionStatus {
+        &self.status
     }
 
     /// Returns whether there is a volume to view.
-    pub fn is_woven(&self) -> bool {
-        self.volume.lock().news.slices() > 0
+    pub fn has_volume(&self) -> bool {
+        self.volume.lock().pending.slices() > 0
     }
 
     /// Returns the recording, if the session was recorded.
@@ -53,9 +55,9 @@ impl EndedSession<'_> {
 
     /// Shows the volume until `ends` is set. `watch` is called repeatedly; of the instructions
     /// that it returns, only changed view settings still have an effect.
-    pub fn linger(&self, ends: &AtomicBool, mut watch: impl FnMut(&SessionStatus) -> Vec<Instruction>) {
+    pub fn serve(&self, ends: &AtomicBool, mut watch: impl FnMut(&SessionStatus) -> Vec<Instruction>) {
         let (shared, clock) = (&self.volume, &Monotonic);
-        shared.goes_on();
+        shared.resume();
         std::thread::scope(|scope| {
             let policy = SchedulingPolicy::default();
             if let Some(view) = &self.view {
@@ -73,14 +75,14 @@ impl EndedSession<'_> {
             }
             while !ends.load(Ordering::Relaxed) {
                 std::thread::sleep(TURN);
-                let instructions = watch(&self.account);
+                let instructions = watch(&self.status);
                 if let Some(view) = &self.view
                     && instructions.contains(&Instruction::Command(Command::Set(Setting::View)))
                 {
                     view.changed();
                 }
             }
-            shared.is_over();
+            shared.end();
         });
     }
 
@@ -91,22 +93,22 @@ impl EndedSession<'_> {
 
     /// Returns the session's results.
     pub fn finish(self) -> Finished {
-        let Self { volume, drawn, mut account, recording, seal, decisions, .. } = self;
-        account.stuck_s = None;
-        let outcome = volume.into_inner().loom.finish().map(|cloth| Outcome {
-            world: account.world.clone(),
-            route: account.route.clone(),
-            voxels_updated: cloth.weaver.work().voxels_updated,
-            reconstructor: cloth.weaver,
-            chosen: cloth.chosen,
-            ledger: account.ledger.clone(),
-            mask: cloth.mask,
-            reached: None,
-            slice_axes: cloth.slice_axes,
-            insert_ms: Vec::new(),
-            pixels: cloth.pixels,
-            notes: account.notes.iter().cloned().chain(cloth.notes).collect(),
+        let Self { volume, drawn, mut status, recording, digest, decisions, insert_ms, .. } = self;
+        status.stuck_s = None;
+        let outcome = volume.into_inner().inserter.finish().map(|finished| Outcome {
+            world: status.world.clone(),
+            route: status.route.clone(),
+            voxels_updated: finished.reconstructor.work().voxels_updated,
+            reconstructor: finished.reconstructor,
+            chosen: finished.chosen,
+            ledger: status.ledger.clone(),
+            mask: finished.mask,
+            reached: finished.reached,
+            slice_axes: finished.slice_axes,
+            insert_ms,
+            pixels: finished.pixels,
+            notes: status.notes.iter().cloned().chain(finished.notes).collect(),
         });
-        Finished { outcome, drawn, account, recording, seal, decisions }
+        Finished { outcome, drawn, status, recording, digest, decisions }
     }
 }

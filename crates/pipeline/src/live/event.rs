@@ -8,7 +8,7 @@ use sonoweave_core::{Reading, Timing};
 use sync::clock::Mapping;
 
 /// Interval at which clocks are advanced, ns.
-pub(super) const TOLD_EVERY_NS: i64 = 20 * MS;
+pub(super) const ADVANCE_EVERY_NS: i64 = 20 * MS;
 
 /// Device index of events that belong to no device.
 pub(super) const NO_DEVICE: usize = usize::MAX;
@@ -19,7 +19,7 @@ pub(super) struct Delivery {
     pub(super) source: usize,
     /// Arrival time, host ns; never earlier than the previous one.
     pub(super) at_ns: i64,
-    pub(super) word: SessionEvent,
+    pub(super) event: SessionEvent,
 }
 
 /// A session event.

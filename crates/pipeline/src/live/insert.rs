@@ -13,7 +13,7 @@ use sonoweave_core::slice::Slice;
 use super::common::Common;
 use super::pulse::Stage;
 use super::shared_volume::{PendingChanges, Shared, SharedVolume};
-use crate::inserter::OutcomeSink;
+use crate::inserter::{OutcomeSink, VolumeInserter};
 use crate::{InsertedSlice, PipelineError};
 
 /// Longest wait before the thread counts a turn, which shows that it is alive.
@@ -46,11 +46,26 @@ pub(super) struct Times {
     pub(super) known_ns: i64,
 }
 
+/// How slices are inserted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Insertion {
+    /// Whether no source follows: slices that wait for the mask are then inserted at the end.
+    pub(super) is_last: bool,
+    /// Every how many slices insertion waits for the picture; after a wait for the mask, for the
+    /// picture of the last slice.
+    pub(super) every: Option<NonZeroU64>,
+    /// Whether the slices are a sequence's: a full volume is then an error, and the time of each
+    /// insertion is kept. A session goes on without the slices that do not fit.
+    pub(super) of_sequence: bool,
+}
+
 /// Reports the outcome of slices, some of which have waited for the mask.
 struct OutcomeReporter<'a> {
     common: Common<'a>,
     waiting: &'a mut VecDeque<(u64, Option<Times>)>,
-    news: &'a mut PendingChanges,
+    pending: &'a mut PendingChanges,
+    /// Insertion times, ms, if they are kept.
+    insert_ms: Option<&'a mut Vec<f64>>,
 }
 
 impl OutcomeReporter<'_> {
@@ -62,27 +77,30 @@ impl OutcomeReporter<'_> {
 }
 
 impl OutcomeSink for OutcomeReporter<'_> {
-    fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError> {
-        let Some(times) = self.leaves(woven.item) else { return Ok(()) };
-        let Common { clock, board, observers, .. } = self.common;
-        self.news.note(woven, times.map(|times| times.captured_ns));
-        let mut account = board.lock();
-        account.volume = self.news.bulk();
-        account.ledger.used();
-        let path = woven.weaver.path().name();
-        if account.path != Some(path) {
-            let departure = woven.weaver.upgraded().map(|departure| departure.to_string());
-            (account.path, account.path_reason) = (Some(path), departure.unwrap_or_else(|| woven.path_reason.into()));
+    fn inserted(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), PipelineError> {
+        let Some(times) = self.leaves(inserted.item) else { return Ok(()) };
+        let Common { clock, status, observers, .. } = self.common;
+        if let Some(insert_ms) = &mut self.insert_ms {
+            insert_ms.push(inserted.insert.as_secs_f64() * 1e3);
+        }
+        self.pending.note(inserted, times.map(|times| times.captured_ns));
+        let mut status = status.lock();
+        status.volume = self.pending.extent();
+        status.ledger.used();
+        let path = inserted.reconstructor.path().name();
+        if status.path != Some(path) {
+            let departure = inserted.reconstructor.upgraded().map(|departure| departure.to_string());
+            (status.path, status.path_reason) = (Some(path), departure.unwrap_or_else(|| inserted.path_reason.into()));
         }
         if let Some(times) = times {
             let now_ns = clock.now_ns();
-            account.first_slice_ns.get_or_insert(now_ns);
-            account.capture_to_volume.add_ns(now_ns - times.captured_ns);
-            account.pose_to_volume.add_ns(now_ns - times.known_ns);
+            status.first_slice_ns.get_or_insert(now_ns);
+            status.capture_to_volume.add_ns(now_ns - times.captured_ns);
+            status.pose_to_volume.add_ns(now_ns - times.known_ns);
         }
-        drop(account);
-        self.common.used(woven.item);
-        observers.iter().try_for_each(|observer| observer.inserted(woven)).map_err(PipelineError::Observer)
+        drop(status);
+        self.common.used(inserted.item);
+        observers.iter().try_for_each(|observer| observer.inserted(inserted)).map_err(PipelineError::Observer)
     }
 
     fn refused(&mut self, refusal: &Refusal) {
@@ -91,84 +109,91 @@ impl OutcomeSink for OutcomeReporter<'_> {
     }
 }
 
-/// Clears the volume, after the slices that wait for the mask were inserted.
-fn clear(
-    shared: &Shared,
-    common: Common<'_>,
-    waiting: &mut VecDeque<(u64, Option<Times>)>,
-) -> Result<(), PipelineError> {
-    let mut fabric = shared.lock();
-    let SharedVolume { loom, news, .. } = &mut *fabric;
-    loom.clear(&mut OutcomeReporter { common, waiting, news })?;
-    news.clear();
-    common.board.lock().volume = None;
-    drop(fabric);
-    shared.tell();
-    Ok(())
+/// The insertion thread.
+struct Inserting<'a> {
+    shared: &'a Shared,
+    common: Common<'a>,
+    insertion: Insertion,
+    /// Slices without outcome: they wait for the mask.
+    waiting: VecDeque<(u64, Option<Times>)>,
+    insert_ms: Vec<f64>,
 }
 
-/// Inserts slices until none follows. If `ends`, slices that wait for the mask are then inserted
-/// too. If every n-th slice is rendered, insertion waits for its picture; after a wait for the
-/// mask, for the picture of the last slice.
-///
-/// # Errors
-/// Causes that prevent insertion of any slice. A full volume is not an error: its slices are
-/// refused.
-pub(super) fn run(
-    shared: &Shared,
-    from: &Receiver<InsertMessage>,
-    common: Common<'_>,
-    ends: bool,
-    pictured: Option<NonZeroU64>,
-) -> Result<(), PipelineError> {
-    let mut waiting = VecDeque::new();
-    let mut result = Ok(());
-    let beat = common.board.pulse.of(Stage::Weaving);
-    loop {
-        beat.turn();
-        let Posed { item, slice, times } = match from.recv_timeout(TURN) {
-            Ok(InsertMessage::Slice(posed)) => posed,
-            Ok(InsertMessage::Clear) => {
-                result = clear(shared, common, &mut waiting);
-                match result {
-                    Ok(()) => continue,
-                    Err(_) => break,
+impl Inserting<'_> {
+    /// Changes the volume, under its lock. Returns how many slices were inserted before and after.
+    fn change(
+        &mut self,
+        act: impl FnOnce(&mut VolumeInserter, &mut OutcomeReporter<'_>) -> Result<(), PipelineError>,
+    ) -> Result<[u64; 2], PipelineError> {
+        let Self { shared, common, insertion, waiting, insert_ms } = self;
+        let mut volume = shared.lock();
+        let SharedVolume { inserter, pending, .. } = &mut *volume;
+        let before = pending.inserted;
+        let insert_ms = insertion.of_sequence.then_some(insert_ms);
+        let mut reporter = OutcomeReporter { common: *common, waiting, pending, insert_ms };
+        let acted = match act(inserter, &mut reporter) {
+            Err(PipelineError::Memory { item, source }) if !insertion.of_sequence => {
+                reporter.refused(&Refusal::new(item, Reason::VolumeFull, source.to_string()));
+                Ok(())
+            }
+            acted => acted,
+        };
+        let after = volume.pending.inserted;
+        drop(volume);
+        shared.notify();
+        acted.map(|()| [before, after])
+    }
+
+    fn handle(&mut self, message: InsertMessage) -> Result<(), PipelineError> {
+        match message {
+            InsertMessage::Slice(Posed { item, slice, times }) => {
+                self.waiting.push_back((item, times));
+                let [before, after] = self.change(|inserter, reporter| inserter.insert(item, slice, reporter))?;
+                if self.insertion.every.is_some_and(|every| after / every > before / every) {
+                    self.shared.await_picture();
                 }
             }
-            Err(RecvTimeoutError::Timeout) => continue,
-            Err(RecvTimeoutError::Disconnected) => break,
-        };
-        waiting.push_back((item, times));
-        let mut fabric = shared.lock();
-        let SharedVolume { loom, news, .. } = &mut *fabric;
-        let before = news.woven;
-        let mut teller = OutcomeReporter { common, waiting: &mut waiting, news };
-        let taken = loom.take(item, slice, &mut teller);
-        match taken {
-            Ok(()) => {}
-            Err(PipelineError::Memory { item, source }) => {
-                teller.refused(&Refusal::new(item, Reason::VolumeFull, source.to_string()));
-            }
-            Err(error) => {
-                result = Err(error);
-                break;
+            // Slices that wait for the mask are inserted before.
+            InsertMessage::Clear => {
+                self.change(|inserter, reporter| {
+                    inserter.clear(reporter)?;
+                    reporter.pending.clear();
+                    reporter.common.status.lock().volume = None;
+                    Ok(())
+                })?;
             }
         }
-        let woven = news.woven;
-        drop(fabric);
-        shared.tell();
-        if pictured.is_some_and(|every| woven / every > before / every) {
-            shared.await_picture();
+        Ok(())
+    }
+}
+
+/// Inserts slices until none follows. Returns the insertion times of a sequence's slices, ms.
+///
+/// # Errors
+/// Causes that prevent insertion of any slice.
+pub(super) fn run(
+    shared: &Shared,
+    messages: &Receiver<InsertMessage>,
+    common: Common<'_>,
+    insertion: Insertion,
+) -> Result<Vec<f64>, PipelineError> {
+    let mut inserting = Inserting { shared, common, insertion, waiting: VecDeque::new(), insert_ms: Vec::new() };
+    let turns = common.status.pulse.of(Stage::Insertion);
+    let mut result = loop {
+        turns.turn();
+        match messages.recv_timeout(TURN) {
+            Ok(message) => {
+                if let Err(error) = inserting.handle(message) {
+                    break Err(error);
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break Ok(()),
         }
+    };
+    if result.is_ok() && insertion.is_last {
+        result = inserting.change(|inserter, reporter| inserter.end(reporter)).map(drop);
     }
-    let mut fabric = shared.lock();
-    let SharedVolume { loom, news, ended, .. } = &mut *fabric;
-    if result.is_ok() && ends {
-        let mut teller = OutcomeReporter { common, waiting: &mut waiting, news };
-        result = loom.end(&mut teller);
-    }
-    *ended = true;
-    drop(fabric);
-    shared.tell();
-    result
+    shared.end();
+    result.map(|()| inserting.insert_ms)
 }

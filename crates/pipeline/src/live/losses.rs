@@ -27,9 +27,9 @@ pub(super) struct Losses {
 impl Losses {
     /// Logs losses not yet reported as errors; at the end of a session without the pause.
     /// Returns the sentences.
-    pub(super) fn say(&mut self, account: &SessionStatus, now: Instant, is_end: bool) -> Vec<String> {
+    pub(super) fn log(&mut self, status: &SessionStatus, now: Instant, is_end: bool) -> Vec<String> {
         let mut sentences = Vec::new();
-        for (what, count) in lost(account) {
+        for (what, count) in lost(status) {
             let before = self.said.get(&what).copied();
             let due = before.is_none_or(|said| is_end || now.duration_since(said.at) >= PAUSE);
             let more = count - before.map_or(0, |said| said.count).min(count);
@@ -48,20 +48,20 @@ impl Losses {
 
 /// Returns every cause of loss, phrased to follow a number, with its count. The writer itself
 /// reports messages that the session's file has no room for.
-fn lost(account: &SessionStatus) -> Vec<(String, u64)> {
-    let frames = &account.ledger.frames;
+fn lost(status: &SessionStatus) -> Vec<(String, u64)> {
+    let frames = &status.ledger.frames;
     let mut causes: Vec<(String, u64)> = Vec::new();
     for (queue, count) in &frames.dropped {
         causes.push((format!("frames, as there was no room before {}", queue.name()), *count));
     }
-    for readings in &account.ledger.readings {
+    for readings in &status.ledger.readings {
         causes
             .push((format!("readings of {}, as there was no room before pairing", readings.device), readings.dropped));
     }
-    for device in &account.devices {
+    for device in &status.devices {
         causes.push((format!("that {} sent and that never came, by its own count", device.name), device.lost));
     }
-    if let Some(written) = &account.recording {
+    if let Some(written) = &status.recording {
         causes.push((
             "frames of the recording, as there was no room before its writer".into(),
             written.lost_before_writer.frames,
@@ -82,22 +82,22 @@ mod tests {
 
     #[test]
     fn losses_reported_at_once_periodically_and_at_end() {
-        let (mut losses, mut account, begin) = (Losses::default(), SessionStatus::default(), Instant::now());
+        let (mut losses, mut status, begin) = (Losses::default(), SessionStatus::default(), Instant::now());
         let at = |seconds| begin + Duration::from_secs(seconds);
-        assert!(losses.say(&account, at(0), true).is_empty());
-        account.ledger.frames.dropped.insert(Queue::Weaving, 3);
-        account.ledger.readings.push(Readings { device: "tracker".into(), dropped: 0, ..Readings::default() });
-        assert_eq!(losses.say(&account, at(1), false), ["3 frames, as there was no room before weaving"]);
-        account.ledger.frames.dropped.insert(Queue::Weaving, 7);
-        account.ledger.readings[0].dropped = 1;
+        assert!(losses.log(&status, at(0), true).is_empty());
+        status.ledger.frames.dropped.insert(Queue::Insertion, 3);
+        status.ledger.readings.push(Readings { device: "tracker".into(), dropped: 0, ..Readings::default() });
+        assert_eq!(losses.log(&status, at(1), false), ["3 frames, as there was no room before insertion"]);
+        status.ledger.frames.dropped.insert(Queue::Insertion, 7);
+        status.ledger.readings[0].dropped = 1;
         let other = "1 readings of tracker, as there was no room before pairing";
-        assert_eq!(losses.say(&account, at(2), false), [other], "another cause does not wait for the first");
-        account.ledger.frames.dropped.insert(Queue::Weaving, 9);
-        assert!(losses.say(&account, at(10), false).is_empty());
-        let more = "6 more frames, as there was no room before weaving, 9 in all";
-        assert_eq!(losses.say(&account, at(11), false), [more]);
-        account.ledger.readings[0].dropped = 2;
-        assert_eq!(losses.say(&account, at(11), true).len(), 1, "what is left is said at the end");
-        assert!(losses.say(&account, at(99), true).is_empty(), "and nothing twice");
+        assert_eq!(losses.log(&status, at(2), false), [other], "another cause does not wait for the first");
+        status.ledger.frames.dropped.insert(Queue::Insertion, 9);
+        assert!(losses.log(&status, at(10), false).is_empty());
+        let more = "6 more frames, as there was no room before insertion, 9 in all";
+        assert_eq!(losses.log(&status, at(11), false), [more]);
+        status.ledger.readings[0].dropped = 2;
+        assert_eq!(losses.log(&status, at(11), true).len(), 1, "what is left is said at the end");
+        assert!(losses.log(&status, at(99), true).is_empty(), "and nothing twice");
     }
 }

@@ -10,7 +10,7 @@
 //! |---|---|---|
 //! | capture → pairing | 4096 readings; frames of all stages together at most 256 MB | the reading is dropped and counted; it is in the recording |
 //! | pairing → insertion | 64 slices | the new slice is dropped and counted: the waiting ones are older, and their content would be lost for good |
-//! | insertion → picture | the changed bricks | never: a picture shows all slices present when it is begun |
+//! | insertion → picture | the changed bricks | never: a picture shows all slices present when it is first |
 //! | all → recording | 4096 messages, of which 3072 frames, and 64 MB in the writer | frames are dropped first, then everything; counted, also in the recording |
 //!
 //! Pairing depends only on the session events, their order and their times. The recording has
@@ -20,7 +20,8 @@
 //! - `session`, `device`: a session's inputs and its results; the roles of its devices.
 //! - `run`, `threads`: the wiring, the only place where threads of a session are started.
 //! - `event`, `sequencer`, `capture`: session events, their order, and a device's thread.
-//! - `replay`: a recorded session as a source of the same events.
+//! - `replay`, `sequence`: a recorded session as a source of the same events; a recorded sequence
+//!   as a source of slices.
 //! - `pairing`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken where the
 //!   tracker's field is distorted.
 //! - `insert`, `shared_volume`, `changes`: insertion of slices, the lock on the volume, and the
@@ -61,6 +62,7 @@ mod recorded_decisions;
 mod recorder;
 mod replay;
 mod run;
+mod sequence;
 mod sequencer;
 mod session;
 mod shared_volume;
@@ -84,9 +86,10 @@ pub use recorded_decisions::{Differences, RecordedDecisions};
 pub use recorder::{Record, Recording, Unwritten};
 pub use replay::Recorded;
 pub use run::run;
+pub use sequence::Sequence;
 pub use session::{Finished, Session, SessionInputs, Source};
-pub use shared_volume::Bulk;
-pub use status::{ClockBoard, DeviceBoard, REPLAYED, SessionStatus, Written};
+pub use shared_volume::VolumeExtent;
+pub use status::{ClockStatus, DeviceStatus, REPLAYED, SessionStatus, Written};
 pub use timing::{Quantiles, Spread};
 pub use walk::{Latencies, walk};
 pub use zones::{InZones, Watch};

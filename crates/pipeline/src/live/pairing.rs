@@ -14,7 +14,7 @@ use sync::ingest::live::{Live, LiveIngest};
 use sync::pairing::timed::{Answered, FrameTime, TimedPairing, Unplaced};
 
 use super::common::Common;
-use super::event::{CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent, TOLD_EVERY_NS};
+use super::event::{ADVANCE_EVERY_NS, CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent};
 use super::insert::{InsertMessage, Posed, Times};
 use super::pulse::Stage;
 use super::stuck::StuckDetector;
@@ -52,10 +52,10 @@ pub(super) struct Pairing<'a> {
     guard: Option<Guard>,
     /// The coordinate frames of all pose sources, for the observers.
     frames: Vec<[String; 2]>,
-    onward: SliceSink,
+    sender: SliceSink,
     /// Time of the last event, and of the last advance of the clocks, host ns.
     now_ns: i64,
-    told_ns: i64,
+    advanced_ns: i64,
 }
 
 /// The slice sink.
@@ -70,8 +70,8 @@ impl SliceSink {
     /// Clears the volume after the slices that are on their way. The message is never dropped:
     /// insertion soon makes room, or has ended.
     fn clear(&self) {
-        let (Self::OrDrop(onward) | Self::Waits(onward)) = self;
-        drop(onward.send(InsertMessage::Clear));
+        let (Self::OrDrop(sender) | Self::Waits(sender)) = self;
+        drop(sender.send(InsertMessage::Clear));
     }
 }
 
@@ -83,17 +83,17 @@ impl<'a> Pairing<'a> {
         stuck: StuckDetector,
         guard: Option<Guard>,
         frames: Vec<[String; 2]>,
-        onward: SliceSink,
+        sender: SliceSink,
     ) -> Self {
-        let (now_ns, told_ns) = (i64::MIN, i64::MIN);
-        Self { common, parts, timed, stuck, frozen: false, guard, frames, onward, now_ns, told_ns }
+        let (now_ns, advanced_ns) = (i64::MIN, i64::MIN);
+        Self { common, parts, timed, stuck, frozen: false, guard, frames, sender, now_ns, advanced_ns }
     }
 
     /// Handles events until the feed ends. Returns notes for the user.
     pub(super) fn run(mut self, feed: &mut impl Feed) -> Vec<String> {
-        let beat = self.common.board.pulse.of(Stage::Pairing);
+        let turns = self.common.status.pulse.of(Stage::Pairing);
         while let Some(came) = feed.next() {
-            beat.turn();
+            turns.turn();
             let (now_ns, delivery) = match came {
                 FeedEvent::Delivery(delivery) => (delivery.at_ns, Some(delivery)),
                 FeedEvent::Quiet(now_ns) => (now_ns, None),
@@ -103,7 +103,7 @@ impl<'a> Pairing<'a> {
             // result.
             self.answer_all();
             if let Some(delivery) = delivery {
-                self.tell_time();
+                self.advance_clocks();
                 self.take(delivery);
                 self.answer_all();
             }
@@ -121,19 +121,19 @@ impl<'a> Pairing<'a> {
     }
 
     /// Advances all clocks periodically, also those of silent devices.
-    fn tell_time(&mut self) {
-        if self.now_ns.saturating_sub(self.told_ns) < TOLD_EVERY_NS {
+    fn advance_clocks(&mut self) {
+        if self.now_ns.saturating_sub(self.advanced_ns) < ADVANCE_EVERY_NS {
             return;
         }
-        self.told_ns = self.now_ns;
+        self.advanced_ns = self.now_ns;
         for source in 0..self.parts.len() {
             self.parts[source].ingest.advance(self.now_ns);
             self.publish(source);
         }
     }
 
-    fn take(&mut self, Delivery { source, word, .. }: Delivery) {
-        let reading = match word {
+    fn take(&mut self, Delivery { source, event, .. }: Delivery) {
+        let reading = match event {
             SessionEvent::SetUp(timing) => {
                 self.parts[source].ingest.set_up(timing);
                 return self.publish(source);
@@ -144,11 +144,11 @@ impl<'a> Pairing<'a> {
             }
             SessionEvent::Freeze(on) => {
                 self.frozen = on;
-                return self.common.board.freeze(on);
+                return self.common.status.freeze(on);
             }
             SessionEvent::Clear => {
                 self.common.observers.iter().for_each(|observer| observer.cleared());
-                return self.onward.clear();
+                return self.sender.clear();
             }
             SessionEvent::Reading(reading) => reading,
         };
@@ -160,10 +160,10 @@ impl<'a> Pairing<'a> {
         let _span = is_frame.then(|| trace_span!(target: STAGE, "pair", frame = reading.stamp().item).entered());
         let live = self.parts[source].ingest.take(reading);
         self.publish(source);
-        let board = self.common.board;
+        let status = self.common.status;
         match live {
             Live::Pose { source: own, sample, .. } => {
-                board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
+                status.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
                 if let Some(into) = self.parts[source].sources.get(own) {
                     if let Some([from, to]) = self.frames.get(*into) {
                         self.common.observers.iter().for_each(|observer| observer.pose([from, to], &sample));
@@ -171,9 +171,9 @@ impl<'a> Pairing<'a> {
                     self.timed.pose(*into, sample);
                 }
             }
-            Live::Waits(_) => board.sampled(source, None),
+            Live::Waits(_) => status.sampled(source, None),
             Live::Picture { picture: Picture { head, .. }, .. } if self.frozen => {
-                let why = "the session is frozen, by whoever looks at it";
+                let why = "the session is frozen, by whoever client at it";
                 self.common.refuse(&Refusal::new(head.stamp.item, Reason::Frozen, why));
             }
             Live::Picture { picture: Picture { head, image }, timed } => {
@@ -190,8 +190,8 @@ impl<'a> Pairing<'a> {
                 }
             }
             Live::Refused(refusal) if is_frame => self.common.refuse(&refusal),
-            Live::Refused(refusal) => board.sampled(source, Some(refusal.reason.name())),
-            Live::Unused(kind) => board.sampled(source, Some(kind)),
+            Live::Refused(refusal) => status.sampled(source, Some(refusal.reason.name())),
+            Live::Unused(kind) => status.sampled(source, Some(kind)),
         }
     }
 
@@ -199,7 +199,7 @@ impl<'a> Pairing<'a> {
     fn publish(&mut self, source: usize) {
         let Part { name, ingest, .. } = &mut self.parts[source];
         while let Some((clock, mapping)) = ingest.take_published() {
-            self.common.board.clock(source, clock, &mapping);
+            self.common.status.clock(source, clock, &mapping);
             let published = Published { device: name, clock, mapping };
             self.common.recorder.note(CLOCK, &published, self.common.clock.now_ns());
         }
@@ -211,14 +211,14 @@ impl<'a> Pairing<'a> {
         drop(waits);
         let refusal = match answer {
             Ok(placed) if self.stuck.is(&image, &placed, captured_ns) => {
-                self.common.board.stuck(self.stuck.since_ns(captured_ns));
+                self.common.status.stuck(self.stuck.since_ns(captured_ns));
                 Refusal::new(item, Reason::SamePicture, "the picture is the last one's, and the probe has moved")
             }
             Ok(placed) => {
-                self.common.board.stuck(None);
+                self.common.status.stuck(None);
                 self.common.placed(item, &frame, &placed);
                 self.watch(&frame);
-                if let Some(queue) = self.common.precedent.and_then(|precedent| precedent.was_dropped(item)) {
+                if let Some(queue) = self.common.decisions.and_then(|decisions| decisions.was_dropped(item)) {
                     return self.common.drop_before(queue, item);
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
@@ -247,21 +247,21 @@ impl<'a> Pairing<'a> {
         if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok())
             && let Some(found) = guard.check(found.pose().position_mm)
         {
-            self.common.board.in_zones(found);
+            self.common.status.in_zones(found);
         }
     }
 
     /// Passes a slice to the inserter.
     fn pass(&self, item: u64, slice: Slice, captured_ns: i64) {
-        let is_full = match &self.onward {
-            SliceSink::OrDrop(onward) => {
+        let is_full = match &self.sender {
+            SliceSink::OrDrop(sender) => {
                 let times = Some(Times { captured_ns, known_ns: self.now_ns });
-                onward.try_send(InsertMessage::Slice(Posed { item, slice, times })).is_err()
+                sender.try_send(InsertMessage::Slice(Posed { item, slice, times })).is_err()
             }
-            SliceSink::Waits(onward) => onward.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err(),
+            SliceSink::Waits(sender) => sender.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err(),
         };
         if is_full {
-            self.common.drop_before(Queue::Weaving, item);
+            self.common.drop_before(Queue::Insertion, item);
         }
     }
 }

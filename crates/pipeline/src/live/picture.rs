@@ -22,7 +22,7 @@ use volume::read::Values as _;
 
 use super::priority::Background;
 use super::reach::Reach;
-use super::shared_volume::{Begun, PendingChanges, Shared, SharedVolume};
+use super::shared_volume::{FirstSlice, PendingChanges, Shared, SharedVolume};
 use super::timing::Spread;
 use crate::trace::STAGE;
 
@@ -46,17 +46,17 @@ pub trait ViewClient: Send + Sync {
     ///
     /// # Errors
     /// A sentence, if the settings cannot produce a picture.
-    fn settings(&self, begun: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>>;
+    fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>>;
 
-    /// Returns a number that changes whenever [`Self::dress`] has a different effect; 0 if it
+    /// Returns a number that changes whenever [`Self::restyle`] has a different effect; 0 if it
     /// has none. Queried before each picture, and every [turn](Self::turn).
-    fn dressing(&self) -> u64 {
+    fn style_revision(&self) -> u64 {
         0
     }
 
     /// Applies a viewer's changes to the result of [`Self::settings`]. The last picture uses the
     /// unchanged settings.
-    fn dress(&self, _settings: &mut RenderSettings) {}
+    fn restyle(&self, _settings: &mut RenderSettings) {}
 
     /// Receives a rendered picture. The next picture waits for this call; slices do not.
     fn shown(&self, _drawn: &Drawn) {}
@@ -149,14 +149,14 @@ pub struct Drawn {
 
 /// The view settings, which may change during the session.
 pub(super) struct SharedViewClient {
-    looks: Arc<dyn ViewClient>,
+    client: Arc<dyn ViewClient>,
     /// Number of changes of its settings.
     changes: AtomicU64,
 }
 
 impl SharedViewClient {
-    pub(super) fn new(looks: Arc<dyn ViewClient>) -> Self {
-        Self { looks, changes: AtomicU64::new(0) }
+    pub(super) fn new(client: Arc<dyn ViewClient>) -> Self {
+        Self { client, changes: AtomicU64::new(0) }
     }
 
     /// Asks the view client for its settings again, from the next picture on.
@@ -164,20 +164,20 @@ impl SharedViewClient {
         self.changes.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(super) fn looks(&self) -> &dyn ViewClient {
-        &*self.looks
+    pub(super) fn client(&self) -> &dyn ViewClient {
+        &*self.client
     }
 }
 
 /// State of the render thread.
 struct RenderState<'a> {
-    wall: &'a SharedViewClient,
+    shared_client: &'a SharedViewClient,
     /// Change numbers of the view settings and of the style that the renderer uses.
     changes: [u64; 2],
-    begun: Option<Begun>,
+    first: Option<FirstSlice>,
     reach: Option<Reach>,
     /// Whether the renderer has read nothing of the volume yet.
-    blank: bool,
+    is_unread: bool,
     /// The view of the settings, and the present view.
     home: View,
     view: View,
@@ -186,23 +186,23 @@ struct RenderState<'a> {
 
 impl RenderState<'_> {
     /// Makes an empty renderer for a box; the last one uses the home view.
-    fn stretch(
+    fn begin(
         &mut self,
-        begun: &Begun,
+        first: &FirstSlice,
         reach: Reach,
         is_last: bool,
     ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
-        let looks = self.wall.looks();
-        let mut settings = looks.settings(&first)?;
+        let known = First { slice_axes: first.slice_axes, grey_levels: first.pixels.grey_levels() };
+        let client = self.shared_client.client();
+        let mut settings = client.settings(&known)?;
         if !is_last {
-            looks.dress(&mut settings);
+            client.restyle(&mut settings);
         }
         self.home = settings.view;
-        self.view = if is_last { self.home } else { looks.view(self.home) };
+        self.view = if is_last { self.home } else { client.view(self.home) };
         settings.view = self.view;
         let [low, high] = reach.voxels();
-        let stage = RenderRegion::new(begun.lattice.world_from_lattice, low, high)?;
+        let stage = RenderRegion::new(first.lattice.world_from_lattice, low, high)?;
         let renderer = Renderer::new(&settings, stage)?;
         match &mut self.drawn {
             Some(drawn) => drawn.renderer = renderer,
@@ -222,7 +222,7 @@ impl RenderState<'_> {
                 });
             }
         }
-        (self.begun, self.reach, self.blank) = (Some(*begun), Some(reach), true);
+        (self.first, self.reach, self.is_unread) = (Some(*first), Some(reach), true);
         Ok(())
     }
 
@@ -230,10 +230,10 @@ impl RenderState<'_> {
     /// one. The next slice defines the next box.
     ///
     /// # Errors
-    /// Same as [`Self::stretch`].
-    fn wipe(&mut self) -> Result<bool, Box<dyn std::error::Error + Send + Sync>> {
-        let (Some(begun), Some(reach)) = (self.begun.take(), self.reach.take()) else { return Ok(false) };
-        self.stretch(&begun, reach, false)?;
+    /// Same as [`Self::begin`].
+    fn clear(&mut self) -> Result<bool, Box<dyn std::error::Error + Send + Sync>> {
+        let (Some(first), Some(reach)) = (self.first.take(), self.reach.take()) else { return Ok(false) };
+        self.begin(&first, reach, false)?;
         self.reach = None;
         let Some(drawn) = &mut self.drawn else { return Ok(false) };
         drawn.renderer.draw();
@@ -244,21 +244,21 @@ impl RenderState<'_> {
     }
 
     /// Returns the requested view.
-    fn wanted(&self, is_last: bool) -> View {
-        if is_last { self.home } else { self.wall.looks().view(self.home) }
+    fn requested_view(&self, is_last: bool) -> View {
+        if is_last { self.home } else { self.shared_client.client().view(self.home) }
     }
 
     /// Returns whether a view is to be refined or changed.
     fn is_due(&self, is_last: bool) -> bool {
         let is_refining = self.drawn.as_ref().is_some_and(|drawn| drawn.refining);
-        !self.blank && (is_refining || self.wanted(is_last) != self.view)
+        !self.is_unread && (is_refining || self.requested_view(is_last) != self.view)
     }
 
     /// Refines the requested view for a time that delays nobody; returns whether there is a new
     /// picture to show. The last picture is finished, from the home view.
     fn turn(&mut self, is_last: bool) -> bool {
-        let view = self.wanted(is_last);
-        let Some(drawn) = self.drawn.as_mut().filter(|_| !self.blank) else { return false };
+        let view = self.requested_view(is_last);
+        let Some(drawn) = self.drawn.as_mut().filter(|_| !self.is_unread) else { return false };
         let is_new = view != self.view;
         if is_new {
             self.view = view;
@@ -278,17 +278,17 @@ impl RenderState<'_> {
     }
 
     /// Answers viewers' questions about the picture.
-    fn answer(&self, looks: &dyn ViewClient) {
-        looks.answer(self.drawn.as_ref().filter(|_| !self.blank).map(|drawn| &drawn.renderer));
+    fn answer(&self, client: &dyn ViewClient) {
+        client.answer(self.drawn.as_ref().filter(|_| !self.is_unread).map(|drawn| &drawn.renderer));
     }
 }
 
 /// Reports the end of the render thread, whatever ended it, to those who wait for a picture.
-struct Gone<'a>(&'a Shared);
+struct EndReport<'a>(&'a Shared);
 
-impl Drop for Gone<'_> {
+impl Drop for EndReport<'_> {
     fn drop(&mut self) {
-        self.0.undrawn();
+        self.0.picture_ended();
     }
 }
 
@@ -299,141 +299,142 @@ impl Drop for Gone<'_> {
 /// Settings that cannot produce a picture; insertion continues.
 pub(super) fn run(
     shared: &Shared,
-    wall: &SharedViewClient,
+    shared_client: &SharedViewClient,
     certain: bool,
     clock: &dyn Clock,
     mut shown: impl FnMut(&Drawn) + Send,
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
-    let _gone = Gone(shared);
+    let _gone = EndReport(shared);
     let background = Background::new("draw")?;
     let (home, view) = <(View, View)>::default();
-    let (begun, reach, changes) = (None, None, [0; 2]);
-    let mut easel = RenderState { wall, changes, begun, reach, blank: true, home, view, drawn: None };
+    let (first, reach, changes) = (None, None, [0; 2]);
+    let mut rendering = RenderState { shared_client, changes, first, reach, is_unread: true, home, view, drawn: None };
     // Slices that are rendered, and those known to be inserted.
     let (mut seen, mut known) = (0, 0);
     // Those of the latter that were inserted before the last clearing.
     let mut cleared = 0;
     let mut due = Instant::now();
     loop {
-        let looks = wall.looks();
-        let is_watched = looks.is_watched();
-        let is_refining = easel.drawn.as_ref().is_some_and(|drawn| drawn.refining);
-        let fabric = match is_watched {
-            true => shared.wait(seen, certain, if is_refining { Duration::ZERO } else { looks.turn() }),
+        let client = shared_client.client();
+        let is_watched = client.is_watched();
+        let is_refining = rendering.drawn.as_ref().is_some_and(|drawn| drawn.refining);
+        let volume = match is_watched {
+            true => shared.wait(seen, certain, if is_refining { Duration::ZERO } else { client.turn() }),
             false => shared.wait(known, certain, TURN),
         };
-        let is_last = fabric.ended;
-        let changes = [wall.changes.load(Ordering::Relaxed), if is_last { 0 } else { looks.dressing() }];
-        if is_last && !looks.keeps_last() {
+        let is_last = volume.ended;
+        let changes =
+            [shared_client.changes.load(Ordering::Relaxed), if is_last { 0 } else { client.style_revision() }];
+        if is_last && !client.keeps_last() {
             return Ok(None);
         }
-        known = fabric.news.woven;
-        if is_last && fabric.news.slices() == 0 {
+        known = volume.pending.inserted;
+        if is_last && volume.pending.slices() == 0 {
             return Ok(None);
         }
         if !is_last && !is_watched {
             continue;
         }
-        if fabric.news.cleared != cleared {
-            cleared = fabric.news.cleared;
+        if volume.pending.cleared != cleared {
+            cleared = volume.pending.cleared;
             seen = cleared;
-            drop(fabric);
+            drop(volume);
             // If only certain slices are rendered, an empty volume is not shown.
             background.run(|| {
-                if easel.wipe()? && !certain {
-                    present(&easel, &mut shown);
+                if rendering.clear()? && !certain {
+                    present(&rendering, &mut shown);
                 }
                 Ok::<_, Box<dyn std::error::Error + Send + Sync>>(())
             })?;
             continue;
         }
         // Changed view settings are rendered even if no slice has arrived since.
-        let is_shown = changes == easel.changes && !easel.blank;
-        if fabric.news.woven == seen && (is_shown || seen == cleared) {
-            drop(fabric);
+        let is_shown = changes == rendering.changes && !rendering.is_unread;
+        if volume.pending.inserted == seen && (is_shown || seen == cleared) {
+            drop(volume);
             // The background thread is woken only if there is work.
-            if easel.is_due(is_last) {
+            if rendering.is_due(is_last) {
                 background.run(|| {
-                    if easel.turn(is_last) {
-                        present(&easel, &mut shown);
+                    if rendering.turn(is_last) {
+                        present(&rendering, &mut shown);
                     }
                 });
             }
-            easel.answer(looks);
+            rendering.answer(client);
             if is_last {
-                return Ok(easel.drawn);
+                return Ok(rendering.drawn);
             }
             continue;
         }
-        if certain && !fabric.awaited && !fabric.ended {
+        if certain && !volume.awaited && !volume.ended {
             continue;
         }
         let early = due.saturating_duration_since(Instant::now());
-        if !fabric.ended && !fabric.awaited && !early.is_zero() {
-            drop(fabric);
-            if !easel.blank {
-                easel.answer(looks);
+        if !volume.ended && !volume.awaited && !early.is_zero() {
+            drop(volume);
+            if !rendering.is_unread {
+                rendering.answer(client);
             }
             shared.rest(early.min(TURN));
             continue;
         }
-        let (Some(begun), Some(reach)) = (fabric.news.begun, fabric.news.reach) else {
+        let (Some(first), Some(reach)) = (volume.pending.first, volume.pending.reach) else {
             // None of the slices touched the volume.
-            seen = fabric.news.woven;
-            drop(fabric);
+            seen = volume.pending.inserted;
+            drop(volume);
             shared.shown(seen);
             continue;
         };
-        if easel.reach != Some(reach) || easel.changes != changes {
+        if rendering.reach != Some(reach) || rendering.changes != changes {
             // Insertion continues meanwhile; if it leaves this box too, the next one is half as
             // large again.
-            drop(fabric);
-            easel.changes = changes;
-            background.run(|| easel.stretch(&begun, reach, is_last))?;
+            drop(volume);
+            rendering.changes = changes;
+            background.run(|| rendering.begin(&first, reach, is_last))?;
             continue;
         }
-        let Some(drawn) = &mut easel.drawn else { continue };
-        let (frame, slices) = (fabric.news.item, fabric.news.woven);
+        let Some(drawn) = &mut rendering.drawn else { continue };
+        let (frame, slices) = (volume.pending.item, volume.pending.inserted);
         let _span = trace_span!(target: STAGE, "draw", frame, slices).entered();
         let began = Instant::now();
-        let mut fabric = catch_up(shared, fabric, drawn, &begun, easel.blank);
-        if fabric.news.reach != easel.reach {
+        let mut volume = catch_up(shared, volume, drawn, &first, rendering.is_unread);
+        if volume.pending.reach != rendering.reach {
             // Insertion has left the box meanwhile.
-            easel.blank = true;
+            rendering.is_unread = true;
             continue;
         }
-        let PendingChanges { woven, item, captured_ns, .. } = fabric.news;
-        let slab = fabric.news.changes.shown().filter(|_| !easel.blank);
-        easel.blank = false;
+        let PendingChanges { inserted, item, captured_ns, .. } = volume.pending;
+        let slab = volume.pending.changes.shown().filter(|_| !rendering.is_unread);
+        rendering.is_unread = false;
         // From here on, insertion continues.
-        drop(fabric);
+        drop(volume);
         drawn.by_slab += u64::from(slab.is_some());
         background.run(|| drawn.renderer.draw_within(slab.as_ref()));
-        (drawn.slices, drawn.item, drawn.captured_ns) = (woven, item, captured_ns);
+        (drawn.slices, drawn.item, drawn.captured_ns) = (inserted, item, captured_ns);
         drawn.pictures += 1;
-        drawn.skipped += (woven - seen).saturating_sub(1);
+        drawn.skipped += (inserted - seen).saturating_sub(1);
         drawn.draw.add_ns(ns(began.elapsed()));
         if let Some(captured_ns) = captured_ns {
             drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
         }
-        seen = woven;
-        due = began + Duration::from_secs_f64(1.0 / wall.looks().most_hz().max(LEAST_HZ));
+        seen = inserted;
+        due = began + Duration::from_secs_f64(1.0 / shared_client.client().most_hz().max(LEAST_HZ));
         // Slices do not delay a viewer who turns the view meanwhile, nor does the viewer delay
         // slices.
         background.run(|| {
-            easel.turn(is_last);
-            present(&easel, &mut shown);
+            rendering.turn(is_last);
+            present(&rendering, &mut shown);
         });
-        shared.shown(woven);
-        easel.answer(looks);
+        shared.shown(inserted);
+        rendering.answer(client);
     }
 }
 
 /// Passes the present picture to all its receivers.
-fn present(easel: &RenderState<'_>, shown: &mut impl FnMut(&Drawn)) {
-    if let Some(drawn) = &easel.drawn {
+fn present(rendering: &RenderState<'_>, shown: &mut impl FnMut(&Drawn)) {
+    if let Some(drawn) = &rendering.drawn {
         shown(drawn);
-        easel.wall.looks().shown(drawn);
+        rendering.shared_client.client().shown(drawn);
     }
 }
 
@@ -441,38 +442,38 @@ fn present(easel: &RenderState<'_>, shown: &mut impl FnMut(&Drawn)) {
 /// and its changes are read last, so that the renderer is up to date when this returns.
 fn catch_up<'a>(
     shared: &'a Shared,
-    mut fabric: MutexGuard<'a, SharedVolume>,
+    mut volume: MutexGuard<'a, SharedVolume>,
     drawn: &mut Drawn,
-    begun: &Begun,
+    first: &FirstSlice,
     mut all: bool,
 ) -> MutexGuard<'a, SharedVolume> {
     let mut waits: Vec<BrickIndex> = Vec::new();
     for round in 0_u32.. {
         let began = Instant::now();
-        let SharedVolume { loom, news, .. } = &mut *fabric;
-        let Some(weaver) = loom.weaver() else { return fabric };
-        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        all |= std::mem::take(&mut news.changes.all);
+        let SharedVolume { inserter, pending, .. } = &mut *volume;
+        let Some(reconstructor) = inserter.reconstructor() else { return volume };
+        let bricks = Shifted::new(reconstructor.volume(), first.lattice.offset);
+        all |= std::mem::take(&mut pending.changes.all);
         if std::mem::take(&mut all) {
-            waits = volume.bricks().collect();
-            news.changes.bricks.clear();
+            waits = bricks.bricks().collect();
+            pending.changes.bricks.clear();
         } else {
-            waits.append(&mut news.changes.bricks);
+            waits.append(&mut pending.changes.bricks);
         }
         // If insertion were faster than reading, no picture would ever be rendered otherwise.
         let most = if round < MOST_PARTS { PART } else { usize::MAX };
         let part = waits.split_off(waits.len().saturating_sub(most));
-        drawn.renderer.read(&volume, &part);
+        drawn.renderer.read(&bricks, &part);
         drawn.held.add_ns(ns(began.elapsed()));
         if waits.is_empty() {
-            return fabric;
+            return volume;
         }
-        drop(fabric);
+        drop(volume);
         // Threads that wait for the volume get it before it is locked again.
         std::thread::sleep(PAUSE);
-        fabric = shared.lock();
+        volume = shared.lock();
     }
-    fabric
+    volume
 }
 
 fn ns(time: Duration) -> i64 {

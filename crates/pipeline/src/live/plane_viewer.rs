@@ -17,7 +17,7 @@ use volume::read::Values as _;
 
 use super::brick_subset::{BrickCopy, BrickSubset, Known, PlaneFootprint};
 use super::changes::Changes;
-use super::shared_volume::{Begun, Shared, SharedVolume};
+use super::shared_volume::{FirstSlice, Shared, SharedVolume};
 
 /// Interval at which the thread checks for a viewer.
 const IDLE: Duration = Duration::from_millis(50);
@@ -109,36 +109,36 @@ pub struct CutWork {
 type Span = [[i64; 3]; 2];
 
 /// A plane that was shown.
-struct Shown {
-    wanted: PlaneRequest,
+struct ShownPlane {
+    plane: PlaneRequest,
     sampled: Vec<Sampled>,
 }
 
 /// State of the thread: its knowledge of the volume.
 #[derive(Default)]
-struct Table {
+struct Planes {
     /// The lattice of all this; `None` if nothing is known.
-    begun: Option<Begun>,
+    first_slice: Option<FirstSlice>,
     /// Box of the seen bricks.
     span: Option<Span>,
     known: Known,
-    swatch: BrickSubset,
-    shown: BTreeMap<usize, Shown>,
+    subset: BrickSubset,
+    shown: BTreeMap<usize, ShownPlane>,
     /// The last reported reason why there is nothing to show.
     nothing: String,
     work: CutWork,
 }
 
 /// Shows planes until no slice follows; then their final state, if there is a viewer.
-pub(super) fn run(shared: &Shared, cutter: &dyn PlaneViewer) {
-    let mut table: Option<Table> = None;
+pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer) {
+    let mut planes: Option<Planes> = None;
     let mut work = CutWork::default();
     loop {
         let (began, spent) = (Instant::now(), spent());
-        if cutter.is_watched() {
-            let table = table.get_or_insert_with(|| Table { work, ..Table::default() });
-            let ended = table.turn(shared, cutter);
-            work = table.work;
+        if viewer.is_watched() {
+            let planes = planes.get_or_insert_with(|| Planes { work, ..Planes::default() });
+            let ended = planes.turn(shared, viewer);
+            work = planes.work;
             if ended {
                 return;
             }
@@ -146,11 +146,11 @@ pub(super) fn run(shared: &Shared, cutter: &dyn PlaneViewer) {
             shared.rest((busy * RESTS).max(PERIOD.saturating_sub(began.elapsed())));
             continue;
         }
-        let mut fabric = shared.lock();
-        fabric.news.aside = None;
-        let ended = fabric.ended;
-        drop(fabric);
-        table = None;
+        let mut state = shared.lock();
+        state.pending.aside = None;
+        let ended = state.ended;
+        drop(state);
+        planes = None;
         if ended {
             return;
         }
@@ -167,7 +167,7 @@ fn spent() -> Duration {
 
 /// State read under the lock.
 struct VolumeState {
-    begun: Option<Begun>,
+    first_slice: Option<FirstSlice>,
     changes: Changes,
     /// All bricks and the box of the seen ones, if any brick may have changed.
     all: Option<(Vec<BrickIndex>, Option<Span>)>,
@@ -177,34 +177,34 @@ struct VolumeState {
     ended: bool,
 }
 
-fn glance(shared: &Shared) -> VolumeState {
-    let mut fabric = shared.lock();
-    let SharedVolume { loom, news, ended, .. } = &mut *fabric;
-    let changes = news.aside.replace(Changes::default()).unwrap_or_else(Changes::unknown);
-    let all = match (loom.weaver(), news.begun) {
-        (Some(weaver), Some(begun)) if changes.all => {
-            let bricks = Shifted::new(weaver.volume(), begun.lattice.offset).bricks().collect();
-            let bounds = weaver.volume().seen_bounds().map(|(low, high)| {
-                [low, high].map(|voxel| begun.lattice.index(voxel).map(|x| x.div_euclid(EDGE as i64)))
+fn read_state(shared: &Shared) -> VolumeState {
+    let mut volume = shared.lock();
+    let SharedVolume { inserter, pending, ended, .. } = &mut *volume;
+    let changes = pending.aside.replace(Changes::default()).unwrap_or_else(Changes::unknown);
+    let all = match (inserter.reconstructor(), pending.first) {
+        (Some(reconstructor), Some(first_slice)) if changes.all => {
+            let bricks = Shifted::new(reconstructor.volume(), first_slice.lattice.offset).bricks().collect();
+            let bounds = reconstructor.volume().seen_bounds().map(|(low, high)| {
+                [low, high].map(|voxel| first_slice.lattice.index(voxel).map(|x| x.div_euclid(EDGE as i64)))
             });
             Some((bricks, bounds))
         }
         _ => None,
     };
-    let (slices, item, captured_ns) = (news.woven, news.item, news.captured_ns);
-    VolumeState { begun: news.begun, changes, all, slices, item, captured_ns, ended: *ended }
+    let (slices, item, captured_ns) = (pending.inserted, pending.item, pending.captured_ns);
+    VolumeState { first_slice: pending.first, changes, all, slices, item, captured_ns, ended: *ended }
 }
 
-impl Table {
+impl Planes {
     /// Shows the planes that are due; returns whether no slice follows.
-    fn turn(&mut self, shared: &Shared, cutter: &dyn PlaneViewer) -> bool {
-        let glance = glance(shared);
-        let ended = glance.ended;
-        if let Err(why) = self.look(shared, cutter, glance) {
+    fn turn(&mut self, shared: &Shared, viewer: &dyn PlaneViewer) -> bool {
+        let state = read_state(shared);
+        let ended = state.ended;
+        if let Err(why) = self.update(shared, viewer, state) {
             self.shown.clear();
-            self.swatch.clear();
+            self.subset.clear();
             if self.nothing != why {
-                cutter.nothing(&why);
+                viewer.nothing(&why);
                 self.nothing = why;
             }
         }
@@ -215,20 +215,21 @@ impl Table {
     ///
     /// # Errors
     /// The reason why there is nothing to show.
-    fn look(&mut self, shared: &Shared, cutter: &dyn PlaneViewer, glance: VolumeState) -> Result<(), String> {
-        let is_known = self.begun.map(|known| known.lattice) == glance.begun.map(|begun| begun.lattice);
-        self.begun = glance.begun;
-        let Some(begun) = glance.begun else { return Err("no voxel was seen yet".into()) };
-        let VolumeState { mut changes, .. } = glance;
-        match glance.all {
+    fn update(&mut self, shared: &Shared, viewer: &dyn PlaneViewer, state: VolumeState) -> Result<(), String> {
+        let is_known =
+            self.first_slice.map(|known| known.lattice) == state.first_slice.map(|first_slice| first_slice.lattice);
+        self.first_slice = state.first_slice;
+        let Some(first_slice) = state.first_slice else { return Err("no voxel was seen yet".into()) };
+        let VolumeState { mut changes, .. } = state;
+        match state.all {
             Some((bricks, span)) => {
                 self.known = bricks.into_iter().collect();
                 self.span = span;
-                self.swatch.clear();
+                self.subset.clear();
             }
             // The volume was replaced: all of it is requested.
             None if !is_known => {
-                shared.lock().news.aside = None;
+                shared.lock().pending.aside = None;
                 return Ok(());
             }
             None => {
@@ -236,59 +237,60 @@ impl Table {
                 changes.bricks.dedup();
                 for brick in &changes.bricks {
                     self.known.insert(*brick);
-                    self.swatch.remove(*brick);
+                    self.subset.remove(*brick);
                     self.span = Some(widened(self.span, brick.map(i64::from)));
                 }
             }
         }
         let Some(span) = self.span else { return Err("no voxel was seen yet".into()) };
-        let extent = extent(&begun, span);
-        let wanted = cutter.wants(&extent);
-        let sheets: Vec<PlaneFootprint> =
-            wanted.iter().map(|wanted| PlaneFootprint::new(&wanted.section, &extent.place)).collect();
-        let moved: Vec<bool> = wanted.iter().map(|wanted| self.is_moved(wanted) || changes.all).collect();
-        self.shown.retain(|number, _| wanted.iter().any(|wanted| wanted.number == *number));
+        let extent = extent(&first_slice, span);
+        let requested = viewer.wants(&extent);
+        let footprints: Vec<PlaneFootprint> =
+            requested.iter().map(|plane| PlaneFootprint::new(&plane.section, &extent.place)).collect();
+        let moved: Vec<bool> = requested.iter().map(|plane| self.is_moved(plane) || changes.all).collect();
+        self.shown.retain(|number, _| requested.iter().any(|plane| plane.number == *number));
         if moved.contains(&true) {
-            self.swatch.keep(&sheets);
+            self.subset.keep(&footprints);
         }
-        let fresh = self.fresh(&changes, &sheets, &moved);
-        if self.swatch.len() + fresh.len() > MOST_BRICKS {
+        let fresh = self.fresh(&changes, &footprints, &moved);
+        if self.subset.len() + fresh.len() > MOST_BRICKS {
             return Err(format!(
                 "these planes meet more than {MOST_BRICKS} bricks of the volume; choose a coarser volume.spacing_mm"
             ));
         }
-        self.read(shared, &begun, &fresh);
+        self.read(shared, &first_slice, &fresh);
         self.nothing.clear();
-        for ((wanted, sheet), moved) in wanted.into_iter().zip(sheets).zip(moved) {
+        for ((plane, footprint), moved) in requested.into_iter().zip(footprints).zip(moved) {
             let hit: Vec<_> = match moved {
                 true => Vec::new(),
                 false => changes
                     .bricks
                     .iter()
-                    .filter(|brick| sheet.meets(**brick))
-                    .filter_map(|brick| sheet.pixels(*brick))
+                    .filter(|brick| footprint.meets(**brick))
+                    .filter_map(|brick| footprint.pixels(*brick))
                     .collect(),
             };
-            let is_other = if moved { self.sample(wanted, &extent) } else { self.renew(wanted, &extent, &hit) };
+            let is_other = if moved { self.sample(plane, &extent) } else { self.renew(plane, &extent, &hit) };
             if is_other {
                 self.work.shown += 1;
-                let Some(Shown { sampled, .. }) = self.shown.get(&wanted.number) else { continue };
-                let VolumeState { slices, item, captured_ns, .. } = glance;
-                cutter.cut(&PlaneImage { wanted, extent, sampled, slices, item, captured_ns, work: self.work });
+                let Some(ShownPlane { sampled, .. }) = self.shown.get(&plane.number) else { continue };
+                let VolumeState { slices, item, captured_ns, .. } = state;
+                viewer.cut(&PlaneImage { wanted: plane, extent, sampled, slices, item, captured_ns, work: self.work });
             }
         }
         Ok(())
     }
 
     /// Returns whether a plane has moved since it was shown.
-    fn is_moved(&self, wanted: &PlaneRequest) -> bool {
-        self.shown.get(&wanted.number).is_none_or(|shown| shown.wanted.section != wanted.section)
+    fn is_moved(&self, plane: &PlaneRequest) -> bool {
+        self.shown.get(&plane.number).is_none_or(|shown| shown.plane.section != plane.section)
     }
 
     /// Returns the bricks that are to be read, each once.
-    fn fresh(&self, changes: &Changes, sheets: &[PlaneFootprint], moved: &[bool]) -> Vec<BrickIndex> {
-        let missing =
-            |brick: &&BrickIndex| !self.swatch.has(**brick) && sheets.iter().any(|sheet| sheet.meets(**brick));
+    fn fresh(&self, changes: &Changes, footprints: &[PlaneFootprint], moved: &[bool]) -> Vec<BrickIndex> {
+        let missing = |brick: &&BrickIndex| {
+            !self.subset.has(**brick) && footprints.iter().any(|footprint| footprint.meets(**brick))
+        };
         match moved.contains(&true) {
             true => self.known.iter().filter(missing).copied().collect(),
             false => changes.bricks.iter().filter(missing).copied().collect(),
@@ -296,17 +298,17 @@ impl Table {
     }
 
     /// Reads bricks in parts; insertion continues in between. Changes made meanwhile are
-    /// reported by the next glance.
-    fn read(&mut self, shared: &Shared, begun: &Begun, bricks: &[BrickIndex]) {
+    /// reported by the next read.
+    fn read(&mut self, shared: &Shared, first_slice: &FirstSlice, bricks: &[BrickIndex]) {
         for part in bricks.chunks(PART) {
-            let fabric = shared.lock();
-            // The volume was replaced: the next glance reports that all has changed.
-            let Some(weaver) = fabric.loom.weaver() else { return };
-            let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
+            let state = shared.lock();
+            // The volume was replaced: the next read reports that all has changed.
+            let Some(reconstructor) = state.inserter.reconstructor() else { return };
+            let volume = Shifted::new(reconstructor.volume(), first_slice.lattice.offset);
             for brick in part {
-                self.swatch.put(*brick, BrickCopy::of(&volume, *brick));
+                self.subset.put(*brick, BrickCopy::of(&volume, *brick));
             }
-            drop(fabric);
+            drop(state);
             self.work.bricks += part.len() as u64;
             // Threads that wait for the volume get it before it is locked again.
             std::thread::sleep(PAUSE);
@@ -314,29 +316,29 @@ impl Table {
     }
 
     /// Samples a plane that has moved; returns whether its image has changed.
-    fn sample(&mut self, wanted: PlaneRequest, extent: &Extent) -> bool {
+    fn sample(&mut self, plane: PlaneRequest, extent: &Extent) -> bool {
         self.work.planes += 1;
-        let planar = Planar { volume: &self.swatch, place: extent.place, pool: None };
-        let (sampled, _) = planar.sample(&wanted.section);
-        let before = self.shown.insert(wanted.number, Shown { wanted, sampled });
-        let now = self.shown.get(&wanted.number);
-        before.zip(now).is_none_or(|(before, now)| before.wanted != wanted || before.sampled != now.sampled)
+        let planar = Planar { volume: &self.subset, place: extent.place, pool: None };
+        let (sampled, _) = planar.sample(&plane.section);
+        let before = self.shown.insert(plane.number, ShownPlane { plane, sampled });
+        let now = self.shown.get(&plane.number);
+        before.zip(now).is_none_or(|(before, now)| before.plane != plane || before.sampled != now.sampled)
     }
 
     /// Samples the changed parts of a plane that has not moved; returns whether its image has
     /// changed.
-    fn renew(&mut self, wanted: PlaneRequest, extent: &Extent, hit: &[[[u32; 2]; 2]]) -> bool {
+    fn renew(&mut self, plane: PlaneRequest, extent: &Extent, hit: &[[[u32; 2]; 2]]) -> bool {
         let area = |[low, high]: &[[u32; 2]; 2]| u64::from(high[0] - low[0] + 1) * u64::from(high[1] - low[1] + 1);
-        if hit.iter().map(area).sum::<u64>() > wanted.section.pixels() as u64 {
-            return self.sample(wanted, extent);
+        if hit.iter().map(area).sum::<u64>() > plane.section.pixels() as u64 {
+            return self.sample(plane, extent);
         }
-        let Some(shown) = self.shown.get_mut(&wanted.number) else { return false };
-        let mut is_other = shown.wanted.look != wanted.look;
-        shown.wanted = wanted;
+        let Some(shown) = self.shown.get_mut(&plane.number) else { return false };
+        let mut is_other = shown.plane.look != plane.look;
+        shown.plane = plane;
         self.work.planes += u64::from(!hit.is_empty());
-        let planar = Planar { volume: &self.swatch, place: extent.place, pool: None };
+        let planar = Planar { volume: &self.subset, place: extent.place, pool: None };
         for pixels in hit {
-            is_other |= planar.sample_again(&wanted.section, *pixels, &mut shown.sampled);
+            is_other |= planar.sample_again(&plane.section, *pixels, &mut shown.sampled);
         }
         is_other
     }
@@ -348,15 +350,15 @@ fn widened(span: Option<Span>, brick: [i64; 3]) -> Span {
 }
 
 /// Returns the box around some bricks, rounded to a multiple of [`STEP`].
-fn extent(begun: &Begun, [low, high]: Span) -> Extent {
+fn extent(first_slice: &FirstSlice, [low, high]: Span) -> Extent {
     let edge = EDGE as i64;
     let first = low.map(|low| low.div_euclid(STEP) * STEP * edge);
     let last = high.map(|high| (high.div_euclid(STEP) + 1) * STEP * edge - 1);
-    let place = Box3::new(begun.lattice.world_from_lattice, [first, last]);
+    let place = Box3::new(first_slice.lattice.world_from_lattice, [first, last]);
     let matrix = place.world_from_lattice.matrix3;
     let voxel_mm = [matrix.x_axis, matrix.y_axis, matrix.z_axis]
         .map(|axis| axis.length())
         .into_iter()
         .fold(f64::INFINITY, f64::min);
-    Extent { place, voxel_mm, grey_levels: begun.pixels.grey_levels() }
+    Extent { place, voxel_mm, grey_levels: first_slice.pixels.grey_levels() }
 }

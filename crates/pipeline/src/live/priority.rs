@@ -52,7 +52,7 @@ const NICE: i32 = 10;
 pub(super) enum Role {
     Capture,
     Pairing,
-    Weaving,
+    Insertion,
     /// Any thread that may wait.
     Usual,
 }
@@ -63,7 +63,7 @@ impl Role {
         match self {
             Self::Capture => Some(6),
             Self::Pairing => Some(5),
-            Self::Weaving => Some(4),
+            Self::Insertion => Some(4),
             Self::Usual => None,
         }
     }
@@ -71,7 +71,7 @@ impl Role {
     /// Returns whether threads that it starts have the usual policy. Drivers have helpers that
     /// need not be fast; the inserter's pool needs its priority.
     fn alone(self) -> bool {
-        self != Self::Weaving
+        self != Self::Insertion
     }
 }
 
@@ -312,10 +312,10 @@ mod tests {
         };
         let (tell, told) = mpsc::channel();
         let (go, wait) = mpsc::channel::<()>();
-        let weaver = {
+        let reconstructor = {
             let standing = standing.clone();
             std::thread::spawn(move || {
-                standing.enter(Role::Weaving);
+                standing.enter(Role::Insertion);
                 tell.send((own(), std::thread::spawn(own).join().unwrap())).unwrap();
                 wait.recv().unwrap();
                 own()
@@ -337,7 +337,7 @@ mod tests {
         exceeded.store(true, Ordering::Relaxed);
         assert!(standing.watch() && !standing.watch(), "once");
         go.send(()).unwrap();
-        assert_eq!(weaver.join().unwrap().0 & !libc::SCHED_RESET_ON_FORK, libc::SCHED_OTHER);
+        assert_eq!(reconstructor.join().unwrap().0 & !libc::SCHED_RESET_ON_FORK, libc::SCHED_OTHER);
         assert!(!standing.granted().realtime && standing.granted().why[0].contains("without a pause"));
         let late = standing.clone();
         let seen = std::thread::spawn(move || {

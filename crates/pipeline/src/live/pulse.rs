@@ -18,7 +18,7 @@ pub(super) enum Stage {
     /// Capture of the device at this index in the session.
     Capture(usize),
     Pairing,
-    Weaving,
+    Insertion,
 }
 
 /// Progress of a stage.
@@ -40,7 +40,7 @@ impl Pulse {
     /// Returns the counters for a session with these devices.
     pub(super) fn new<'n>(devices: impl Iterator<Item = &'n str>) -> Self {
         let captures = devices.map(|device| format!("capture-{device}"));
-        let names: Vec<String> = captures.chain(["pairing", "weave"].map(String::from)).collect();
+        let names: Vec<String> = captures.chain(["pairing", "insertion"].map(String::from)).collect();
         let turns = names.iter().map(|_| AtomicU64::new(0)).collect();
         Self { names, turns }
     }
@@ -52,14 +52,14 @@ impl Pulse {
     }
 
     /// Begins a stage; it ends when the returned value is dropped, for whatever reason.
-    pub(super) fn of(&self, stage: Stage) -> Beat<'_> {
+    pub(super) fn of(&self, stage: Stage) -> TurnCounter<'_> {
         let others = self.turns.len() - 2;
         let at = match stage {
             Stage::Capture(device) => device.min(others),
             Stage::Pairing => others,
-            Stage::Weaving => others + 1,
+            Stage::Insertion => others + 1,
         };
-        Beat(&self.turns[at])
+        TurnCounter(&self.turns[at])
     }
 
     /// Returns the progress of all stages.
@@ -71,16 +71,16 @@ impl Pulse {
 }
 
 /// A running stage.
-pub(super) struct Beat<'p>(&'p AtomicU64);
+pub(super) struct TurnCounter<'p>(&'p AtomicU64);
 
-impl Beat<'_> {
+impl TurnCounter<'_> {
     /// Counts a turn.
     pub(super) fn turn(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-impl Drop for Beat<'_> {
+impl Drop for TurnCounter<'_> {
     fn drop(&mut self) {
         self.0.store(ENDED, Ordering::Relaxed);
     }
@@ -109,21 +109,22 @@ mod tests {
         let pulse = Pulse::new(["tracking", "grabber"].into_iter());
         let mut movement = Movement::default();
         assert!(movement.still(&pulse.turns()).is_empty(), "the first look tells nothing");
-        let beats = [Stage::Capture(0), Stage::Capture(1), Stage::Pairing, Stage::Weaving].map(|stage| pulse.of(stage));
-        beats.iter().for_each(Beat::turn);
+        let counters =
+            [Stage::Capture(0), Stage::Capture(1), Stage::Pairing, Stage::Insertion].map(|stage| pulse.of(stage));
+        counters.iter().for_each(TurnCounter::turn);
         assert!(movement.still(&pulse.turns()).is_empty());
-        beats[0].turn();
-        beats[2].turn();
-        assert_eq!(movement.still(&pulse.turns()), ["capture-grabber", "weave"]);
-        let [tracking, grabber, pairing, weaving] = beats;
+        counters[0].turn();
+        counters[2].turn();
+        assert_eq!(movement.still(&pulse.turns()), ["capture-grabber", "insertion"]);
+        let [tracking, grabber, pairing, insertion] = counters;
         drop(grabber);
-        for beat in [&tracking, &pairing, &weaving] {
-            beat.turn();
+        for turns in [&tracking, &pairing, &insertion] {
+            turns.turn();
         }
         assert!(movement.still(&pulse.turns()).is_empty(), "a device may end by itself");
         assert_eq!(pulse.turns()[1].turns, None);
-        assert_eq!(movement.still(&pulse.turns()), ["capture-tracking", "pairing", "weave"]);
+        assert_eq!(movement.still(&pulse.turns()), ["capture-tracking", "pairing", "insertion"]);
         pulse.without_captures();
-        assert_eq!(movement.still(&pulse.turns()), ["pairing", "weave"], "a recording has no captures");
+        assert_eq!(movement.still(&pulse.turns()), ["pairing", "insertion"], "a recording has no captures");
     }
 }

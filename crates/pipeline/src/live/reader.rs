@@ -67,13 +67,13 @@ pub struct Snapshot {
 pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
     let mut seen = None;
     loop {
-        let (woven, ended) = {
-            let fabric = shared.lock();
-            ((fabric.news.woven, fabric.news.cleared), fabric.ended)
+        let (inserted, ended) = {
+            let shared = shared.lock();
+            ((shared.pending.inserted, shared.pending.cleared), shared.ended)
         };
         let is_wanted = match reader.wants() {
             Wants::Nothing => false,
-            Wants::Changed => Some(woven) != seen,
+            Wants::Changed => Some(inserted) != seen,
             Wants::Any => true,
         };
         if is_wanted {
@@ -82,7 +82,7 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
                     break taken;
                 }
             };
-            seen = Some(woven);
+            seen = Some(inserted);
             reader.volume(taken);
         }
         if ended {
@@ -98,12 +98,14 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, Str
     let nothing = || Some(Err("no voxel was seen yet".to_owned()));
     let most_bytes = reader.most_bytes();
     let (space, encoding, lattice, slices, grey_levels) = {
-        let fabric = shared.lock();
-        let (Some(weaver), Some(begun)) = (fabric.loom.weaver(), fabric.news.begun) else { return nothing() };
-        let Some((low, high)) = weaver.volume().seen_bounds() else { return nothing() };
-        let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
-        let encoding = Encoding { scalar: begun.pixels.scalar(), window: None, unseen: 0.0 };
-        (space, encoding, weaver.world_from_lattice(), fabric.news.slices(), begun.pixels.grey_levels())
+        let shared = shared.lock();
+        let (Some(reconstructor), Some(first)) = (shared.inserter.reconstructor(), shared.pending.first) else {
+            return nothing();
+        };
+        let Some((low, high)) = reconstructor.volume().seen_bounds() else { return nothing() };
+        let space = DenseBox::around([low, high], reconstructor.world_from_lattice(), reconstructor.settings());
+        let encoding = Encoding { scalar: first.pixels.scalar(), window: None, unseen: 0.0 };
+        (space, encoding, reconstructor.world_from_lattice(), shared.pending.slices(), first.pixels.grey_levels())
     };
     let [nx, ny, nz] = space.grid.size;
     let of_weights = if reader.weighs() { Scalar::F32.bytes() } else { 0 };
@@ -122,13 +124,14 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, Str
     let mut z = 0;
     while z < nz {
         let until = (z + at_once).min(nz);
-        let fabric = shared.lock();
-        let weaver = fabric.loom.weaver().filter(|weaver| weaver.world_from_lattice() == lattice)?;
-        planes(weaver.volume(), &space, &encoding, z..until, &mut values);
+        let shared = shared.lock();
+        let reconstructor =
+            shared.inserter.reconstructor().filter(|reconstructor| reconstructor.world_from_lattice() == lattice)?;
+        planes(reconstructor.volume(), &space, &encoding, z..until, &mut values);
         if of_weights > 0 {
-            planes_of_weights(weaver.volume(), &space, z..until, &mut weights);
+            planes_of_weights(reconstructor.volume(), &space, z..until, &mut weights);
         }
-        drop(fabric);
+        drop(shared);
         z = until;
         reader.taking(z as f64 / nz as f64);
         // Threads that wait for the volume get it before it is locked again.

@@ -42,7 +42,7 @@ pub enum RecordEvent<'a> {
 /// dropped.
 ///
 /// # Errors
-/// [`PipelineError`] if there is no recording, or it cannot be begun. Absent devices are not an
+/// [`PipelineError`] if there is no recording, or it cannot be first. Absent devices are not an
 /// error.
 pub fn record_only(
     devices: Vec<SessionDevice>,
@@ -51,45 +51,46 @@ pub fn record_only(
     mask: MaskSettings,
     clock: &dyn Clock,
     ends: &AtomicBool,
-    mut hear: impl FnMut(RecordEvent<'_>),
+    mut handle: impl FnMut(RecordEvent<'_>),
 ) -> Result<(Option<Recording>, SessionStatus), PipelineError> {
-    let Parts { devices, instruments, speeches } = parts(devices);
-    let board = StatusCollector::new(&instruments, i64::MAX);
-    board.granted(policy.granted());
+    let Parts { devices, roles, protocols } = parts(devices);
+    let status = StatusCollector::new(&roles, i64::MAX);
+    status.granted(policy.granted());
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
-    let speakers = instruments.iter().zip(&devices).zip(speeches);
-    let told = speakers.map(|((instrument, device), speech)| (&*instrument.name, speech, device.describe()));
+    let speakers = roles.iter().zip(&devices).zip(protocols);
+    let told = speakers.map(|((role, device), protocol)| (&*role.name, protocol, device.describe()));
     let writing = record.map(|record| recorder::open(record, told, mask, &keep_free, clock)).transpose()?;
     let (recorder, writing) = match writing {
         Some((recorder, writing)) => (recorder, Some(writing)),
         None => (recorder::Recorder::nowhere(), None),
     };
-    let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
+    let names: Vec<String> = roles.iter().map(|role| role.name.clone()).collect();
     let (deliver, delivered) = bounded(READINGS);
     let common =
-        Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None, observers: &[] };
-    let intake = EventSequencer::new(common, names.clone(), deliver);
+        Common { clock, status: &status, recorder: &recorder, in_flight: &in_flight, decisions: None, observers: &[] };
+    let sequencer = EventSequencer::new(common, names.clone(), deliver);
     let ingest = |DeviceRole { gives, latency_ns, .. }| LiveIngest::new(gives, Timing::default(), latency_ns);
-    let mut ingests: Vec<LiveIngest> = instruments.into_iter().map(ingest).collect();
+    let mut ingests: Vec<LiveIngest> = roles.into_iter().map(ingest).collect();
     let mut losses = Losses::default();
-    let (board, intake) = (&board, &intake);
+    let (status, sequencer) = (&status, &sequencer);
     let recording = std::thread::scope(|scope| {
         let writer = writing.map(|(queue, file)| {
             spawn(scope, "recorder", (policy, Role::Usual), move || {
-                recorder::run(&queue, file, clock, |recording| board.recording(recording))
+                recorder::run(&queue, file, clock, |recording| status.recording(recording))
             })
         });
-        let captures = capturing(scope, devices, &names, policy, common, ends, intake);
+        let captures = capturing(scope, devices, &names, policy, common, ends, sequencer);
         let mut turned = Instant::now();
         loop {
             let ended = ends.load(Ordering::Relaxed) || captures.iter().all(|capture| capture.is_finished());
             match delivered.recv_timeout(TURN) {
                 Ok(delivery) => {
                     let source = delivery.source;
-                    let live = ingests.get_mut(source).and_then(|ingest| sample(ingest, delivery.word, source, common));
+                    let live =
+                        ingests.get_mut(source).and_then(|ingest| sample(ingest, delivery.event, source, common));
                     if let Some(live) = live {
-                        hear(RecordEvent::Sample(source, live));
+                        handle(RecordEvent::Sample(source, live));
                     }
                 }
                 Err(RecvTimeoutError::Timeout) if ended => break,
@@ -98,25 +99,25 @@ pub fn record_only(
             }
             if turned.elapsed() >= TURN {
                 turned = Instant::now();
-                let account = board.snapshot();
-                losses.say(&account, turned, false);
-                hear(RecordEvent::Turn(&account));
+                let status = status.snapshot();
+                losses.log(&status, turned, false);
+                handle(RecordEvent::Turn(&status));
             }
         }
         ends.store(true, Ordering::Relaxed);
-        captured(captures, &names, board);
-        intake.close();
+        captured(captures, &names, status);
+        sequencer.close();
         common.recorder.close();
         writer.map(joined)
     });
-    let account = board.snapshot();
-    losses.say(&account, Instant::now(), true);
-    Ok((recording, account))
+    let status = status.snapshot();
+    losses.log(&status, Instant::now(), true);
+    Ok((recording, status))
 }
 
 /// Converts a delivery to a sample, and counts it.
-fn sample(ingest: &mut LiveIngest, word: SessionEvent, source: usize, common: Common<'_>) -> Option<Live> {
-    let reading = match word {
+fn sample(ingest: &mut LiveIngest, event: SessionEvent, source: usize, common: Common<'_>) -> Option<Live> {
+    let reading = match event {
         SessionEvent::SetUp(timing) => {
             ingest.set_up(timing);
             return None;
@@ -135,14 +136,14 @@ fn sample(ingest: &mut LiveIngest, word: SessionEvent, source: usize, common: Co
         common.in_flight.leave();
     }
     match &live {
-        Live::Picture { .. } => common.board.lock().ledger.used(),
+        Live::Picture { .. } => common.status.lock().ledger.used(),
         Live::Pose { sample, .. } => {
-            common.board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
+            common.status.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
         }
-        Live::Waits(_) => common.board.sampled(source, None),
-        Live::Refused(refusal) if is_frame => common.board.refused(refusal),
-        Live::Refused(refusal) => common.board.sampled(source, Some(refusal.reason.name())),
-        Live::Unused(kind) => common.board.sampled(source, Some(kind)),
+        Live::Waits(_) => common.status.sampled(source, None),
+        Live::Refused(refusal) if is_frame => common.status.refused(refusal),
+        Live::Refused(refusal) => common.status.sampled(source, Some(refusal.reason.name())),
+        Live::Unused(kind) => common.status.sampled(source, Some(kind)),
     }
     Some(live)
 }

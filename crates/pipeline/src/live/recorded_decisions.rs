@@ -10,7 +10,7 @@ use drivers::replay::{SessionReplay, SessionSettings};
 use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 
 use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
-use super::digest::{ResultDigest, SEAL};
+use super::digest::{DIGEST, ResultDigest};
 use super::event::{CLOCK, UNPAIRED};
 
 /// Kind of note: an automatic choice of the insertion path depends on the poses that the devices
@@ -21,7 +21,7 @@ pub(super) const PATH_BY_REACH: &str = "path_by_reach";
 #[derive(Debug, Clone, Default)]
 struct Was {
     placed: Option<(i64, [u64; 12])>,
-    fate: Option<FrameOutcome>,
+    outcome: Option<FrameOutcome>,
 }
 
 /// Differences between a replay and its recording.
@@ -37,7 +37,7 @@ pub struct Differences {
 #[derive(Debug, Default)]
 pub struct RecordedDecisions {
     frames: HashMap<u64, Was>,
-    seal: Option<ResultDigest>,
+    digest: Option<ResultDigest>,
     notes: HashMap<String, Vec<String>>,
     /// Messages missing from the file, though they were handed over to be recorded.
     missing: u64,
@@ -55,7 +55,7 @@ impl RecordedDecisions {
     /// program did not write.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut replay = SessionReplay::open(&SessionSettings { images: false, ..SessionSettings::new(path) })?;
-        let mut precedent = Self { drops: true, ..Self::default() };
+        let mut decisions = Self { drops: true, ..Self::default() };
         replay.start()?;
         loop {
             let note = match replay.next(NO_DEADLINE)? {
@@ -66,20 +66,20 @@ impl RecordedDecisions {
             match note.topic.as_str() {
                 PLACED => {
                     let placed: PlacedFrame = of_json(path, &note.topic, &note.text)?;
-                    precedent.frames.entry(placed.frame).or_default().placed = Some(placed.bits());
+                    decisions.frames.entry(placed.frame).or_default().placed = Some(placed.bits());
                 }
                 DECISION => {
-                    let Decided { frame, fate } = of_json(path, &note.topic, &note.text)?;
-                    precedent.frames.entry(frame).or_default().fate = Some(fate);
+                    let Decided { frame, outcome } = of_json(path, &note.topic, &note.text)?;
+                    decisions.frames.entry(frame).or_default().outcome = Some(outcome);
                 }
-                UNPAIRED => precedent.unpaired += 1,
-                SEAL => precedent.seal = Some(of_json(path, &note.topic, &note.text)?),
+                UNPAIRED => decisions.unpaired += 1,
+                DIGEST => decisions.digest = Some(of_json(path, &note.topic, &note.text)?),
                 CLOCK => {}
-                _ => precedent.notes.entry(note.topic).or_default().push(note.text),
+                _ => decisions.notes.entry(note.topic).or_default().push(note.text),
             }
         }
-        precedent.missing = replay.health().received.lost;
-        Ok(precedent)
+        decisions.missing = replay.health().received.lost;
+        Ok(decisions)
     }
 
     /// Returns the texts (JSON) of all notes of a kind that concerns the whole session, such as
@@ -95,8 +95,8 @@ impl RecordedDecisions {
     }
 
     /// Returns the digest of the session's result, if it ended properly.
-    pub fn seal(&self) -> Option<&ResultDigest> {
-        self.seal.as_ref()
+    pub fn digest(&self) -> Option<&ResultDigest> {
+        self.digest.as_ref()
     }
 
     /// Returns the number of messages missing from the recording: readings lost while it was
@@ -108,7 +108,7 @@ impl RecordedDecisions {
     /// Returns the number of frames dropped for want of time, including readings that were not
     /// paired.
     pub fn dropped(&self) -> u64 {
-        let dropped = self.frames.values().filter(|was| matches!(was.fate, Some(FrameOutcome::Dropped(_))));
+        let dropped = self.frames.values().filter(|was| matches!(was.outcome, Some(FrameOutcome::Dropped(_))));
         self.unpaired + dropped.count() as u64
     }
 
@@ -124,7 +124,7 @@ impl RecordedDecisions {
 
     /// Returns the queue that a frame found full, if it is to be dropped again.
     pub(super) fn was_dropped(&self, item: u64) -> Option<sonoweave_core::ledger::Queue> {
-        match self.frames.get(&item)?.fate {
+        match self.frames.get(&item)?.outcome {
             Some(FrameOutcome::Dropped(queue)) if self.drops => Some(queue),
             _ => None,
         }
@@ -164,30 +164,32 @@ impl RecordedDecisions {
     }
 
     /// Compares a frame's outcome with the recorded one.
-    pub(super) fn decided(&self, item: u64, fate: &FrameOutcome) {
-        let Some(was) = self.frames.get(&item).and_then(|was| was.fate.as_ref()) else { return };
-        if was == fate || (!self.drops && matches!(was, FrameOutcome::Dropped(_))) {
+    pub(super) fn decided(&self, item: u64, outcome: &FrameOutcome) {
+        let Some(was) = self.frames.get(&item).and_then(|was| was.outcome.as_ref()) else { return };
+        if was == outcome || (!self.drops && matches!(was, FrameOutcome::Dropped(_))) {
             return;
         }
         self.differs(|| {
-            let now = if was.words() == fate.words() { format!("{fate:?}") } else { fate.words() };
-            let before = if was.words() == fate.words() { format!("{was:?}") } else { was.words() };
+            let now = if was.words() == outcome.words() { format!("{outcome:?}") } else { outcome.words() };
+            let before = if was.words() == outcome.words() { format!("{was:?}") } else { was.words() };
             format!("frame {item}: it is {now}, and was {before} when it was live")
         });
     }
 
     /// Compares the result with the recorded one.
-    pub(super) fn sealed(&self, seal: &ResultDigest) {
-        let Some(was) = &self.seal else { return };
+    pub(super) fn compare_digest(&self, digest: &ResultDigest) {
+        let Some(was) = &self.digest else { return };
         if !self.drops && self.dropped() > 0 {
             return;
         }
-        if was.slices != seal.slices {
-            self.differs(|| format!("the volume has {} slices, and had {} when it was live", seal.slices, was.slices));
-        } else if was.volume_sha256 != seal.volume_sha256 {
+        if was.slices != digest.slices {
+            self.differs(|| {
+                format!("the volume has {} slices, and had {} when it was live", digest.slices, was.slices)
+            });
+        } else if was.volume_sha256 != digest.volume_sha256 {
             self.differs(|| "the volume's voxels are not those that it had when it was live".into());
         }
-        if let (Some(was), Some(now)) = (&was.picture_sha256, &seal.picture_sha256)
+        if let (Some(was), Some(now)) = (&was.picture_sha256, &digest.picture_sha256)
             && was != now
         {
             self.differs(|| "the picture of all slices is not the one that there was when it was live".into());
@@ -213,25 +215,25 @@ mod tests {
         PlacedFrame { frame, time_ns: 7, world_from_image, bound_ns: 1, gap_ns: 2, error_mm: Some(0.1) }
     }
 
-    fn precedent() -> RecordedDecisions {
-        let fates = [FrameOutcome::Used, FrameOutcome::Dropped(Queue::Weaving)];
+    fn decisions() -> RecordedDecisions {
+        let outcomes = [FrameOutcome::Used, FrameOutcome::Dropped(Queue::Insertion)];
         let frames = (0..)
-            .zip(fates)
-            .map(|(item, fate)| (item, Was { placed: Some(placed(item, 1.0).bits()), fate: Some(fate) }));
+            .zip(outcomes)
+            .map(|(item, outcome)| (item, Was { placed: Some(placed(item, 1.0).bits()), outcome: Some(outcome) }));
         RecordedDecisions { frames: frames.collect(), drops: true, ..RecordedDecisions::default() }
     }
 
     #[test]
     fn first_differing_frame_is_named() {
-        let precedent = precedent();
-        precedent.placed(&placed(0, 1.0));
-        precedent.decided(0, &FrameOutcome::Used);
-        precedent.placed(&placed(9, 5.0));
-        precedent.decided(9, &FrameOutcome::Used);
-        assert_eq!(precedent.differences(), Differences::default(), "what was not recorded is no difference");
-        precedent.placed(&placed(1, 1.0 + f64::EPSILON));
-        precedent.decided(0, &FrameOutcome::Refused { reason: "repeated".into(), detail: String::new() });
-        let found = precedent.differences();
+        let decisions = decisions();
+        decisions.placed(&placed(0, 1.0));
+        decisions.decided(0, &FrameOutcome::Used);
+        decisions.placed(&placed(9, 5.0));
+        decisions.decided(9, &FrameOutcome::Used);
+        assert_eq!(decisions.differences(), Differences::default(), "what was not recorded is no difference");
+        decisions.placed(&placed(1, 1.0 + f64::EPSILON));
+        decisions.decided(0, &FrameOutcome::Refused { reason: "repeated".into(), detail: String::new() });
+        let found = decisions.differences();
         assert_eq!(found.count, 2);
         assert_eq!(
             found.first.unwrap(),
@@ -241,30 +243,30 @@ mod tests {
 
     #[test]
     fn dropped_frames_drop_again_unless_use_all() {
-        let mut precedent = precedent();
-        assert_eq!([0, 1].map(|item| precedent.was_dropped(item)), [None, Some(Queue::Weaving)]);
-        assert_eq!(precedent.dropped(), 1);
-        precedent.decided(1, &FrameOutcome::Used);
-        assert_eq!(precedent.differences().count, 1);
-        precedent.use_all();
-        assert_eq!(precedent.was_dropped(1), None);
-        precedent.decided(1, &FrameOutcome::Used);
-        assert_eq!(precedent.differences().count, 1);
+        let mut decisions = decisions();
+        assert_eq!([0, 1].map(|item| decisions.was_dropped(item)), [None, Some(Queue::Insertion)]);
+        assert_eq!(decisions.dropped(), 1);
+        decisions.decided(1, &FrameOutcome::Used);
+        assert_eq!(decisions.differences().count, 1);
+        decisions.use_all();
+        assert_eq!(decisions.was_dropped(1), None);
+        decisions.decided(1, &FrameOutcome::Used);
+        assert_eq!(decisions.differences().count, 1);
     }
 
     #[test]
     fn result_digest_is_compared_with_recorded() {
-        let seal = |volume: &str, picture: Option<&str>| ResultDigest {
+        let digest = |volume: &str, picture: Option<&str>| ResultDigest {
             slices: 3,
             volume_sha256: Some(volume.into()),
             picture_sha256: picture.map(Into::into),
         };
-        let precedent = RecordedDecisions { seal: Some(seal("a", Some("p"))), ..precedent() };
-        precedent.sealed(&seal("a", Some("p")));
-        precedent.sealed(&seal("a", None));
-        assert_eq!(precedent.differences().count, 0, "nobody looks at a picture that was not asked for");
-        precedent.sealed(&seal("b", Some("q")));
-        precedent.sealed(&ResultDigest { slices: 4, ..seal("a", None) });
-        assert_eq!(precedent.differences().count, 3);
+        let decisions = RecordedDecisions { digest: Some(digest("a", Some("p"))), ..decisions() };
+        decisions.compare_digest(&digest("a", Some("p")));
+        decisions.compare_digest(&digest("a", None));
+        assert_eq!(decisions.differences().count, 0, "nobody client at a picture that was not asked for");
+        decisions.compare_digest(&digest("b", Some("q")));
+        decisions.compare_digest(&ResultDigest { slices: 4, ..digest("a", None) });
+        assert_eq!(decisions.differences().count, 3);
     }
 }

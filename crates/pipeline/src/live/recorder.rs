@@ -123,7 +123,7 @@ pub struct Recording {
     /// The file.
     pub path: PathBuf,
     /// Messages given to the writer, and their outcome.
-    pub account: Account,
+    pub status: Account,
     /// Messages that found the queue before the writer full.
     pub lost: Unwritten,
     /// Reason why the file ended before the session, as a sentence; empty otherwise.
@@ -220,8 +220,8 @@ pub(super) fn open<'a>(
     clock: &dyn Clock,
 ) -> Result<(Recorder, (Queue, File)), sonoweave_core::Error> {
     let mut sources = Vec::new();
-    for (name, speech, description) in devices {
-        sources.push(writer.device(name, speech, description, None)?);
+    for (name, protocol, description) in devices {
+        sources.push(writer.device(name, protocol, description, None)?);
     }
     for (kind, note) in &notes {
         writer.note(kind, &note.to_string(), clock.now_ns())?;
@@ -277,7 +277,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
     let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
     let mut recording = Recording {
         path: writer.path().to_owned(),
-        account: Account::default(),
+        status: Account::default(),
         lost: Unwritten::default(),
         ended: String::new(),
         after_end: Unwritten::default(),
@@ -285,7 +285,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
     };
     let mut open = Some(writer);
     let mut noted = Unwritten::default();
-    let mut looked_ns = i64::MIN;
+    let mut checked_ns = i64::MIN;
     loop {
         let entry = match queue.entries.recv_timeout(TURN) {
             Ok(Entry::End) | Err(RecvTimeoutError::Disconnected) => break,
@@ -322,14 +322,14 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
         let held = writer.account().held_bytes;
         let needed = keep_free.saturating_add(held).saturating_add(END_BYTES);
         let is_full = keep_free > 0 && room.is_some_and(|room| room.free_bytes < needed);
-        if !is_full && now_ns.saturating_sub(looked_ns) < sonoweave_core::clock::SECOND {
+        if !is_full && now_ns.saturating_sub(checked_ns) < sonoweave_core::clock::SECOND {
             continue;
         }
         // Space that may still be written.
         let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
-        (looked_ns, recording.room) = (now_ns, left);
+        (checked_ns, recording.room) = (now_ns, left);
         recording.lost = tell_lost(writer, queue, &mut noted, now_ns);
-        recording.account = writer.account();
+        recording.status = writer.account();
         if is_full {
             recording.ended = format!(
                 "the recording has ended, so that {} MB stay free on the disk: make room, and begin a new session; what comes now is not recorded",
@@ -379,7 +379,7 @@ fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_n
 fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Recording) {
     let Some(writer) = open.take() else { return };
     let before = writer.account();
-    recording.account = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
+    recording.status = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
         tracing::error!("{}: {error}", recording.path.display());
         Account { trouble: error.to_string(), ..before }
     });

@@ -26,9 +26,9 @@ pub struct Recorded {
     /// The complete recording, stopped, with the desired pacing.
     pub replay: SessionReplay,
     /// The recorded decisions.
-    pub precedent: RecordedDecisions,
+    pub decisions: RecordedDecisions,
     /// Its devices, by their names in the recording.
-    pub instruments: Vec<DeviceRole>,
+    pub roles: Vec<DeviceRole>,
 }
 
 /// The feed of the replay's thread.
@@ -49,10 +49,10 @@ pub(super) fn run(
     names: &[String],
     common: Common<'_>,
     ends: &AtomicBool,
-    onward: &Sender<Delivery>,
+    sender: &Sender<Delivery>,
 ) -> Result<(), Error> {
     let path = replay.settings().path.clone();
-    let drops = common.precedent.is_some_and(RecordedDecisions::drops);
+    let drops = common.decisions.is_some_and(RecordedDecisions::drops);
     let mut unpaired = None;
     replay.start()?;
     while !ends.load(Ordering::Relaxed) {
@@ -62,7 +62,7 @@ pub(super) fn run(
             Next::End => break,
         };
         let at_ns = replay.handed_over_ns();
-        let (source, word) = match reading {
+        let (source, event) = match reading {
             Reading::Raw(_) => continue,
             Reading::Recorded(note) => match note.topic.as_str() {
                 SET_UP => {
@@ -90,23 +90,23 @@ pub(super) fn run(
             reading => {
                 let Some(name) = replay.source() else { continue };
                 let source = place(names, name, &path)?;
-                common.board.arrived(source);
+                common.status.arrived(source);
                 let was = unpaired.take_if(|was| was.device == *name && was.item == reading.stamp().item);
                 if was.is_some() && drops {
-                    common.board.dropped(source, Queue::Pairing);
+                    common.status.dropped(source, Queue::Pairing);
                     continue;
                 }
                 common.in_flight.enter();
                 (source, SessionEvent::Reading(reading))
             }
         };
-        if onward.send(Delivery { source, at_ns, word }).is_err() {
+        if sender.send(Delivery { source, at_ns, event }).is_err() {
             break;
         }
     }
     let why = replay.health().why.clone();
     if !why.is_empty() {
-        common.board.note(why);
+        common.status.note(why);
     }
     replay.stop()
 }

@@ -5,22 +5,25 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
-use crossbeam_channel::bounded;
+use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
 
-use sonoweave_core::Error;
+use drivers::replay::SessionReplay;
 use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::{Device, Error};
 
 use super::capture::{Capturing, Parts, captured, capturing, frame_bytes, parts};
 use super::common::{Common, InFlight};
 use super::digest::{self, ResultDigest};
 use super::ended::EndedSession;
+use super::insert::{InsertMessage, Insertion};
 use super::losses::Losses;
-use super::pairing::SliceSink;
+use super::pairing::{Pairing, SliceSink};
 use super::picture::{self, Drawn, SharedViewClient};
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::{PATH_BY_REACH, RecordedDecisions};
 use super::recorder::{self, Recorder, Recording};
 use super::replay::{self, FromRecording, Recorded};
+use super::sequence::{self, Sequence};
 use super::sequencer::{EventSequencer, FromDevices};
 use super::session::{Session, SessionInputs, Source};
 use super::shared_volume::Shared;
@@ -37,6 +40,8 @@ pub(super) const READINGS: usize = 4096;
 const RECORDED: usize = 64;
 /// Capacity of the queue between pairing and insertion, slices.
 const SLICES: usize = 64;
+/// The same for a sequence, which is read while slices are inserted, and waits for room.
+const READ_AHEAD: usize = 8;
 /// Memory that frames on their way may hold, bytes.
 pub(super) const FRAME_BYTES: u64 = 256 << 20;
 /// Interval at which `ends` is checked.
@@ -60,11 +65,10 @@ pub fn run<'a>(
     let SessionInputs { source, resumed, mut policy } = inputs;
     let volume = match (resumed.first(), &source) {
         (Some(first), _) | (None, Source::Recording(first)) => {
-            session.volume(first.instruments.iter(), first.precedent.is_path_by_reach())?
+            session.volume(first.roles.iter(), first.decisions.is_path_by_reach())?
         }
-        (None, Source::Devices { devices, .. }) => {
-            session.volume(devices.iter().map(|device| &device.instrument), true)?
-        }
+        (None, Source::Devices { devices, .. }) => session.volume(devices.iter().map(|device| &device.role), true)?,
+        (None, Source::Sequence(sequence)) => session.volume_of(sequence.plan(session)?),
     };
     let mut notes = Vec::new();
     for recorded in resumed {
@@ -72,30 +76,49 @@ pub fn run<'a>(
         let wiring = Wiring { session, volume: &volume, view: None, is_last: false, clock: &Monotonic, ends };
         let ran = wiring
             .run(Source::Recording(recorded), &mut SchedulingPolicy::default(), Vec::new(), &mut |_| Vec::new())?;
-        notes.push(format!("the session continues {path}: {} slices are in the volume", volume.goes_on()));
+        notes.push(format!("the session continues {path}: {} slices are in the volume", volume.resume()));
         if let Some(first) = ran.decisions.and_then(|decisions| decisions.differences().first) {
             notes.push(format!("{path}: {first}"));
         }
     }
     let view = session.view_client.clone().map(SharedViewClient::new);
     let wiring = Wiring { session, volume: &volume, view: view.as_ref(), is_last: true, clock, ends };
-    let Ran { account, drawn, recording, seal, decisions } = wiring.run(source, &mut policy, notes, &mut watch)?;
-    Ok(EndedSession { session, volume, view, drawn, account, recording, seal, decisions })
+    let ran = wiring.run(source, &mut policy, notes, &mut watch)?;
+    let Ran { status, drawn, recording, digest, decisions, insert_ms } = ran;
+    Ok(EndedSession { session, volume, view, drawn, status, recording, digest, decisions, insert_ms })
 }
 
 /// The results of a source.
 struct Ran {
-    account: SessionStatus,
+    status: SessionStatus,
     drawn: Option<Drawn>,
     recording: Option<Recording>,
-    seal: Option<ResultDigest>,
+    digest: Option<ResultDigest>,
     decisions: Option<RecordedDecisions>,
+    insert_ms: Vec<f64>,
 }
 
-/// The threads that deliver the events.
+/// A source, opened.
+#[allow(clippy::large_enum_variant, reason = "a session has one, moved once")]
+enum Opened {
+    Devices(Vec<Box<dyn Device>>),
+    Recording(SessionReplay),
+    Sequence(Sequence),
+}
+
+/// A source, with the stage or the queue that receives its data.
+#[allow(clippy::large_enum_variant, reason = "a session has one, moved once")]
+enum Feeding<'a> {
+    Devices(Vec<Box<dyn Device>>, Pairing<'a>),
+    Recording(SessionReplay, Pairing<'a>),
+    Sequence(Sequence, Sender<InsertMessage>),
+}
+
+/// The threads before insertion. Pairing returns notes for the user.
 enum Delivering<'scope> {
-    Captures(Vec<Capturing<'scope>>),
-    Replay(ScopedJoinHandle<'scope, Result<(), Error>>),
+    Devices { captures: Vec<Capturing<'scope>>, pairing: ScopedJoinHandle<'scope, Vec<String>> },
+    Recording { replay: ScopedJoinHandle<'scope, Result<(), Error>>, pairing: ScopedJoinHandle<'scope, Vec<String>> },
+    Sequence(ScopedJoinHandle<'scope, Result<Vec<String>, PipelineError>>),
 }
 
 /// A session's parts that its threads share.
@@ -120,65 +143,80 @@ impl Wiring<'_> {
         watch: &mut dyn FnMut(&SessionStatus) -> Vec<Instruction>,
     ) -> Result<Ran, PipelineError> {
         let Self { session, volume, view, is_last, clock, ends } = self;
-        let (Parts { devices, instruments, speeches }, record, recorded) = match source {
-            Source::Devices { devices, record } => (parts(devices), record, None),
-            Source::Recording(Recorded { replay, precedent, instruments }) => {
-                (Parts { devices: Vec::new(), instruments, speeches: Vec::new() }, None, Some((replay, precedent)))
+        let (opened, roles, protocols, record, decisions) = match source {
+            Source::Devices { devices, record } => {
+                let Parts { devices, roles, protocols } = parts(devices);
+                (Opened::Devices(devices), roles, protocols, record, None)
+            }
+            Source::Recording(Recorded { replay, decisions, roles }) => {
+                (Opened::Recording(replay), roles, Vec::new(), None, Some(decisions))
+            }
+            Source::Sequence(sequence) => {
+                let roles = vec![sequence.role()];
+                (Opened::Sequence(sequence), roles, Vec::new(), None, None)
             }
         };
-        let (replay, decisions) = recorded.unzip();
-        let is_live = replay.is_none();
-        let board = StatusCollector::new(&instruments, session.stuck_after_ns);
-        notes.into_iter().for_each(|note| board.note(note));
-        let in_flight = InFlight::new(if is_live { FRAME_BYTES / frame_bytes(&devices).max(1) } else { u64::MAX });
+        let devices: &[Box<dyn Device>] = if let Opened::Devices(devices) = &opened { devices } else { &[] };
+        let is_live = matches!(opened, Opened::Devices(_));
+        let status = StatusCollector::new(&roles, session.stuck_after_ns);
+        notes.into_iter().for_each(|note| status.note(note));
+        let in_flight = InFlight::new(if is_live { FRAME_BYTES / frame_bytes(devices).max(1) } else { u64::MAX });
         let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
         let (recorder, writing) = match record {
             Some(record) => {
-                let speakers = instruments.iter().zip(&devices).zip(speeches);
-                let about = speakers.map(|((device, open), speech)| (&*device.name, speech, open.describe()));
-                let (recorder, writing) = recorder::open(record, about, session.mask, &keep_free, clock)?;
+                let described = roles.iter().zip(devices).zip(protocols);
+                let described = described.map(|((role, device), protocol)| (&*role.name, protocol, device.describe()));
+                let (recorder, writing) = recorder::open(record, described, session.mask, &keep_free, clock)?;
                 (recorder, Some(writing))
             }
             None => (Recorder::nowhere(), None),
         };
-        let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
+        let names: Vec<String> = roles.iter().map(|role| role.name.clone()).collect();
         let (deliver, delivered) = bounded(if is_live { READINGS } else { RECORDED });
         let common = Common {
             clock,
-            board: &board,
+            status: &status,
             recorder: &recorder,
             in_flight: &in_flight,
-            precedent: decisions.as_ref(),
+            decisions: decisions.as_ref(),
             observers: &session.observers,
         };
         let sequencer = EventSequencer::new(common, names.clone(), deliver.clone());
-        let (pose, posed) = bounded(SLICES);
-        let sink = if is_live { SliceSink::OrDrop(pose) } else { SliceSink::Waits(pose) };
-        let stage = session.pairing_stage(instruments, common, sink)?;
+        let (slices, posed) = bounded(if matches!(opened, Opened::Sequence(_)) { READ_AHEAD } else { SLICES });
+        let feeding = match opened {
+            Opened::Devices(devices) => {
+                Feeding::Devices(devices, session.pairing_stage(roles, common, SliceSink::OrDrop(slices))?)
+            }
+            Opened::Recording(replay) => {
+                Feeding::Recording(replay, session.pairing_stage(roles, common, SliceSink::Waits(slices))?)
+            }
+            Opened::Sequence(sequence) => Feeding::Sequence(sequence, slices),
+        };
         if is_live {
-            board.granted(policy.granted());
+            status.granted(policy.granted());
             recorder.note(PATH_BY_REACH, &true, clock.now_ns());
         } else {
-            board.replayed();
-        }
-        if !is_live {
+            status.replayed();
             // The recording has its own events.
             sequencer.close();
         }
-        let pictured = view.filter(|_| !is_live).and_then(|view| view.looks().every());
-        let (board, sequencer, names) = (&board, &sequencer, &names);
-        let (mut recording, mut drawn, mut seal) = (None, None, None);
+        let every = view.filter(|_| !is_live).and_then(|view| view.client().every());
+        let insertion = Insertion { is_last, every, of_sequence: matches!(feeding, Feeding::Sequence(..)) };
+        let (status, sequencer, names) = (&status, &sequencer, &names);
+        let (mut recording, mut drawn, mut digest, mut insert_ms) = (None, None, None, Vec::new());
         let (mut losses, mut warnings) = (Losses::default(), Warnings::default());
+        // Each thread that ends by itself has a sender, so that the last end is noticed at once.
+        let (running, ended) = bounded::<()>(0);
         std::thread::scope(|scope| {
             let usual = (&*policy, Role::Usual);
             let writer = writing.map(|(queue, file)| {
                 spawn(scope, "recorder", usual, move || {
-                    recorder::run(&queue, file, clock, |recording| board.recording(recording))
+                    recorder::run(&queue, file, clock, |recording| status.recording(recording))
                 })
             });
             let picture = view.map(|view| {
                 spawn(scope, "picture", usual, move || {
-                    picture::run(volume, view, pictured.is_some(), clock, |drawn| board.drawn(drawn))
+                    picture::run(volume, view, every.is_some(), clock, |drawn| status.drawn(drawn))
                 })
             });
             for reader in session.readers.iter().filter(|_| is_last) {
@@ -187,50 +225,61 @@ impl Wiring<'_> {
             if let Some(viewer) = session.plane_viewer.as_ref().filter(|_| is_last) {
                 spawn(scope, "sections", usual, move || plane_viewer::run(volume, &**viewer));
             }
-            let insert = spawn(scope, "weave", (&*policy, Role::Weaving), move || {
-                insert::run(volume, &posed, common, is_last, pictured)
+            let inserting = running.clone();
+            let insert = spawn(scope, "insertion", (&*policy, Role::Insertion), move || {
+                let _inserting = inserting;
+                insert::run(volume, &posed, common, insertion)
             });
-            let pair = spawn(scope, "pairing", (&*policy, Role::Pairing), move || match is_live {
-                true => stage.run(&mut FromDevices { from: &delivered, intake: sequencer }),
-                false => stage.run(&mut FromRecording(delivered)),
-            });
-            let delivering = match replay {
-                Some(replay) => Delivering::Replay(spawn(scope, "replay", usual, move || {
-                    replay::run(replay, names, common, ends, &deliver)
-                })),
-                None => {
-                    drop(deliver);
-                    Delivering::Captures(capturing(scope, devices, names, policy, common, ends, sequencer))
+            let pairing = (&*policy, Role::Pairing);
+            let delivering = match feeding {
+                Feeding::Devices(devices, stage) => {
+                    drop((running, deliver));
+                    Delivering::Devices {
+                        pairing: spawn(scope, "pairing", pairing, move || {
+                            stage.run(&mut FromDevices { events: &delivered, sequencer })
+                        }),
+                        captures: capturing(scope, devices, names, policy, common, ends, sequencer),
+                    }
+                }
+                Feeding::Recording(replay, stage) => Delivering::Recording {
+                    pairing: spawn(scope, "pairing", pairing, move || stage.run(&mut FromRecording(delivered))),
+                    replay: spawn(scope, "replay", usual, move || {
+                        let _running = running;
+                        replay::run(replay, names, common, ends, &deliver)
+                    }),
+                },
+                Feeding::Sequence(sequence, slices) => {
+                    Delivering::Sequence(spawn(scope, "pairing", pairing, move || {
+                        let _running = running;
+                        sequence::run(sequence, session.pairing.clone(), common, ends, &slices)
+                    }))
                 }
             };
             // A device that ends by itself leaves the others running. A live session ends when no
             // device is left or insertion has failed.
             let is_over = || match &delivering {
-                Delivering::Captures(captures) => {
-                    ends.load(Ordering::Relaxed)
-                        || captures.iter().all(ScopedJoinHandle::is_finished)
-                        || insert.is_finished()
+                Delivering::Devices { captures, .. } => {
+                    ends.load(Ordering::Relaxed) || captures.iter().all(ScopedJoinHandle::is_finished)
                 }
-                Delivering::Replay(replay) => replay.is_finished() && pair.is_finished() && insert.is_finished(),
+                Delivering::Recording { .. } | Delivering::Sequence(_) => false,
             };
-            while !is_over() {
-                std::thread::sleep(TURN);
+            while !is_over() && ended.recv_timeout(TURN) == Err(RecvTimeoutError::Timeout) {
                 if is_live && policy.watch() {
-                    board.granted(policy.granted());
+                    status.granted(policy.granted());
                 }
-                let account = board.snapshot();
+                let now = status.snapshot();
                 if is_live {
-                    losses.say(&account, Instant::now(), false);
-                    warnings.say(account.distortion, Instant::now());
+                    losses.log(&now, Instant::now(), false);
+                    warnings.log(now.distortion, Instant::now());
                 }
-                for instruction in watch(&account) {
+                for instruction in watch(&now) {
                     match instruction {
                         Instruction::Command(Command::Freeze(on)) => drop(sequencer.freeze(on)),
                         Instruction::Command(Command::Clear) => drop(sequencer.clear()),
                         Instruction::Command(Command::Stop) => ends.store(true, Ordering::Relaxed),
                         Instruction::Command(Command::Set(setting)) => match setting {
                             Setting::Latency { device, ns } => drop(sequencer.latency(device, ns)),
-                            Setting::StuckAfter(ns) => board.stuck_after(ns),
+                            Setting::StuckAfter(ns) => status.stuck_after(ns),
                             Setting::View => view.iter().for_each(|view| view.changed()),
                             Setting::KeepFree(bytes) => keep_free.store(bytes, Ordering::Relaxed),
                         },
@@ -238,51 +287,56 @@ impl Wiring<'_> {
                         // or the reader that saves.
                         Instruction::Command(Command::Record | Command::Scan | Command::Save) => {}
                         Instruction::Note(kind, value) => common.recorder.note(kind, &value, clock.now_ns()),
-                        Instruction::Report(sentence) => board.note(sentence),
+                        Instruction::Report(sentence) => status.note(sentence),
                     }
                 }
             }
             let delivered = match delivering {
-                Delivering::Captures(captures) => {
+                Delivering::Devices { captures, pairing } => {
                     ends.store(true, Ordering::Relaxed);
                     // `watch` sees the end. Instructions returned now are too late.
-                    drop(watch(&board.snapshot()));
-                    captured(captures, names, board);
-                    Ok(())
+                    drop(watch(&status.snapshot()));
+                    captured(captures, names, status);
+                    sequencer.close();
+                    Ok(joined(pairing))
                 }
-                Delivering::Replay(replay) => joined(replay),
+                Delivering::Recording { replay, pairing } => {
+                    let (notes, delivered) = (joined(pairing), joined(replay));
+                    notes.into_iter().for_each(|note| status.note(note));
+                    delivered.map(|()| Vec::new()).map_err(PipelineError::from)
+                }
+                Delivering::Sequence(reading) => joined(reading),
             };
-            sequencer.close();
-            joined(pair).into_iter().for_each(|note| board.note(note));
             let inserted = joined(insert);
-            drawn = picture.and_then(|picture| shown(joined(picture), board));
+            drawn = picture.and_then(|picture| last_picture(joined(picture), status));
             if common.recorder.records() {
-                let made = volume.seal(drawn.as_ref().map(|drawn| &drawn.renderer));
-                common.recorder.note(digest::SEAL, &made, clock.now_ns());
-                seal = Some(made);
+                let made = volume.digest(drawn.as_ref().map(|drawn| &drawn.renderer));
+                common.recorder.note(digest::DIGEST, &made, clock.now_ns());
+                digest = Some(made);
             }
             common.recorder.close();
             recording = writer.map(joined);
-            inserted?;
-            delivered.map_err(PipelineError::from)
+            insert_ms = inserted?;
+            delivered?.into_iter().for_each(|note| status.note(note));
+            Ok::<(), PipelineError>(())
         })?;
-        let account = board.snapshot();
+        let status = status.snapshot();
         if is_live {
-            losses.say(&account, Instant::now(), true);
+            losses.log(&status, Instant::now(), true);
         }
         if let Some(decisions) = decisions.as_ref().filter(|_| is_last) {
-            let made = volume.seal(drawn.as_ref().map(|drawn| &drawn.renderer));
+            let made = volume.digest(drawn.as_ref().map(|drawn| &drawn.renderer));
             if !ends.load(Ordering::Relaxed) {
-                decisions.sealed(&made);
+                decisions.compare_digest(&made);
             }
-            seal = Some(made);
+            digest = Some(made);
         }
-        Ok(Ran { account, drawn, recording, seal, decisions })
+        Ok(Ran { status, drawn, recording, digest, decisions, insert_ms })
     }
 }
 
 /// Returns the picture; adds a note if it failed.
-fn shown(
+fn last_picture(
     drawn: Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>>,
     board: &StatusCollector,
 ) -> Option<Drawn> {

@@ -18,9 +18,10 @@ use super::event::{
 /// Pause between two attempts to pass on an event that must not be dropped.
 const PAUSE: Duration = Duration::from_millis(1);
 
-struct Door {
+/// The queue to pairing, and the time of its last event.
+struct Outlet {
     /// `None` once it is closed.
-    onward: Option<Sender<Delivery>>,
+    sender: Option<Sender<Delivery>>,
     last_ns: i64,
 }
 
@@ -29,26 +30,26 @@ struct Door {
 pub(super) struct EventSequencer<'a> {
     common: Common<'a>,
     names: Vec<String>,
-    door: Mutex<Door>,
+    outlet: Mutex<Outlet>,
 }
 
 impl<'a> EventSequencer<'a> {
     /// Returns a sequencer for devices with these names.
-    pub(super) fn new(common: Common<'a>, names: Vec<String>, onward: Sender<Delivery>) -> Self {
-        Self { common, names, door: Mutex::new(Door { onward: Some(onward), last_ns: i64::MIN }) }
+    pub(super) fn new(common: Common<'a>, names: Vec<String>, sender: Sender<Delivery>) -> Self {
+        Self { common, names, outlet: Mutex::new(Outlet { sender: Some(sender), last_ns: i64::MIN }) }
     }
 
     fn with<T>(&self, act: impl FnOnce(Option<&Sender<Delivery>>, i64) -> T) -> T {
-        let mut door = self.door.lock().unwrap_or_else(PoisonError::into_inner);
-        door.last_ns = door.last_ns.max(self.common.clock.now_ns());
-        act(door.onward.as_ref(), door.last_ns)
+        let mut outlet = self.outlet.lock().unwrap_or_else(PoisonError::into_inner);
+        outlet.last_ns = outlet.last_ns.max(self.common.clock.now_ns());
+        act(outlet.sender.as_ref(), outlet.last_ns)
     }
 
     /// Adds a device's set-up. It is never dropped, since readings have no time without it.
     /// Returns false if pairing has ended.
     pub(super) fn set_up(&self, source: usize, description: &Description) -> bool {
         let recorder = self.common.recorder;
-        self.must(source, |at_ns| {
+        self.send_undroppable(source, |at_ns| {
             let device = self.names[source].clone();
             recorder.describe(source, description);
             recorder.comes_in(SET_UP, &SetUp { device }, at_ns);
@@ -59,7 +60,7 @@ impl<'a> EventSequencer<'a> {
     /// Sets a device's latency from now on, ns. Returns false if pairing has ended.
     pub(super) fn latency(&self, source: usize, latency_ns: i64) -> bool {
         let recorder = self.common.recorder;
-        self.must(source, |at_ns| {
+        self.send_undroppable(source, |at_ns| {
             let device = self.names[source].clone();
             recorder.comes_in(LATENCY, &Latency { device, latency_ns }, at_ns);
             SessionEvent::Latency(latency_ns)
@@ -68,7 +69,7 @@ impl<'a> EventSequencer<'a> {
 
     /// Ignores frames from now on, or uses them again. Returns false if pairing has ended.
     pub(super) fn freeze(&self, on: bool) -> bool {
-        self.must(NO_DEVICE, |at_ns| {
+        self.send_undroppable(NO_DEVICE, |at_ns| {
             self.common.recorder.comes_in(FREEZE, &Freeze { on }, at_ns);
             SessionEvent::Freeze(on)
         })
@@ -76,18 +77,18 @@ impl<'a> EventSequencer<'a> {
 
     /// Clears the volume. Returns false if pairing has ended.
     pub(super) fn clear(&self) -> bool {
-        self.must(NO_DEVICE, |at_ns| {
+        self.send_undroppable(NO_DEVICE, |at_ns| {
             self.common.recorder.comes_in(CLEAR, &Clear {}, at_ns);
             SessionEvent::Clear
         })
     }
 
-    fn must(&self, source: usize, word: impl Fn(i64) -> SessionEvent) -> bool {
+    fn send_undroppable(&self, source: usize, event: impl Fn(i64) -> SessionEvent) -> bool {
         loop {
-            let done = self.with(|onward, at_ns| {
-                let Some(onward) = onward else { return Some(false) };
+            let done = self.with(|sender, at_ns| {
+                let Some(sender) = sender else { return Some(false) };
                 // The lock is held, so no other thread sends meanwhile.
-                (!onward.is_full()).then(|| onward.try_send(Delivery { source, at_ns, word: word(at_ns) }).is_ok())
+                (!sender.is_full()).then(|| sender.try_send(Delivery { source, at_ns, event: event(at_ns) }).is_ok())
             });
             match done {
                 Some(done) => return done,
@@ -99,17 +100,17 @@ impl<'a> EventSequencer<'a> {
     /// Records a device's reading, and passes it to pairing if there is room. Returns false if
     /// pairing has ended.
     pub(super) fn take(&self, source: usize, reading: Reading) -> bool {
-        let Common { board, recorder, in_flight, .. } = self.common;
-        self.with(|onward, at_ns| {
-            let Some(onward) = onward else { return false };
+        let Common { status, recorder, in_flight, .. } = self.common;
+        self.with(|sender, at_ns| {
+            let Some(sender) = sender else { return false };
             if matches!(reading, Reading::Raw(_)) {
                 recorder.take(source, reading, at_ns);
                 return true;
             }
             let is_frame = matches!(reading, Reading::Frame(_));
-            board.arrived(source);
-            if onward.is_full() || (is_frame && !in_flight.enter()) {
-                board.dropped(source, Queue::Pairing);
+            status.arrived(source);
+            if sender.is_full() || (is_frame && !in_flight.enter()) {
+                status.dropped(source, Queue::Pairing);
                 let unpaired = Unpaired { device: self.names[source].clone(), item: reading.stamp().item };
                 recorder.comes_in(UNPAIRED, &unpaired, at_ns);
                 recorder.take(source, reading, at_ns);
@@ -119,7 +120,7 @@ impl<'a> EventSequencer<'a> {
                 recorder.take(source, reading.clone(), at_ns);
             }
             !matches!(
-                onward.try_send(Delivery { source, at_ns, word: SessionEvent::Reading(reading) }),
+                sender.try_send(Delivery { source, at_ns, event: SessionEvent::Reading(reading) }),
                 Err(TrySendError::Disconnected(_))
             )
         })
@@ -132,7 +133,7 @@ impl<'a> EventSequencer<'a> {
 
     /// Closes the sequencer: no event follows.
     pub(super) fn close(&self) {
-        self.door.lock().unwrap_or_else(PoisonError::into_inner).onward = None;
+        self.outlet.lock().unwrap_or_else(PoisonError::into_inner).sender = None;
     }
 }
 
@@ -140,17 +141,17 @@ impl<'a> EventSequencer<'a> {
 const TURN: Duration = Duration::from_millis(20);
 /// The feed of live devices.
 pub(super) struct FromDevices<'a> {
-    pub(super) from: &'a Receiver<Delivery>,
-    pub(super) intake: &'a EventSequencer<'a>,
+    pub(super) events: &'a Receiver<Delivery>,
+    pub(super) sequencer: &'a EventSequencer<'a>,
 }
 
 impl Feed for FromDevices<'_> {
     fn next(&mut self) -> Option<FeedEvent> {
         loop {
-            match self.from.recv_timeout(TURN) {
+            match self.events.recv_timeout(TURN) {
                 Ok(delivery) => return Some(FeedEvent::Delivery(delivery)),
                 Err(RecvTimeoutError::Timeout) => {
-                    if let Some(now_ns) = self.intake.quiet(self.from) {
+                    if let Some(now_ns) = self.sequencer.quiet(self.events) {
                         return Some(FeedEvent::Quiet(now_ns));
                     }
                 }

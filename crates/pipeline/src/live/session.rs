@@ -24,6 +24,7 @@ use super::reader::Reader;
 use super::recorded_decisions::RecordedDecisions;
 use super::recorder::{Record, Recording};
 use super::replay::Recorded;
+use super::sequence::Sequence;
 use super::shared_volume::Shared;
 use super::status::SessionStatus;
 use super::stuck::StuckDetector;
@@ -76,6 +77,8 @@ pub enum Source {
     /// [`RecordedDecisions::differences`] reports deviations. Only the frames dropped then are
     /// dropped: a slow stage delays the others.
     Recording(Recorded),
+    /// A recorded sequence. Its slices wait for insertion; a full volume ends it with an error.
+    Sequence(Sequence),
 }
 
 /// Session inputs.
@@ -103,16 +106,36 @@ pub struct Finished {
     /// The picture of all slices, if there was a viewer.
     pub drawn: Option<Drawn>,
     /// Final status of devices, frames and times.
-    pub account: SessionStatus,
+    pub status: SessionStatus,
     /// The session's file.
     pub recording: Option<Recording>,
     /// Digest of volume and picture; for recorded sessions and replays.
-    pub seal: Option<ResultDigest>,
+    pub digest: Option<ResultDigest>,
     /// The decisions that a replay was compared with.
     pub decisions: Option<RecordedDecisions>,
 }
 
 impl Session {
+    /// Returns settings without viewers and observers; the insertion path is chosen by poses.
+    pub fn new(pairing: PairingOptions, mask: MaskSettings, settings: Settings) -> Self {
+        let TimedOptions { wait_ns, .. } = TimedOptions::default();
+        Self {
+            pairing,
+            wait_ns,
+            longest_gap_ns: PoseSource::new("", "").longest_gap_ns,
+            stuck_after_ns: i64::MAX,
+            mask,
+            settings,
+            path: PathChoice::Auto,
+            planar: PlanarSettings::default(),
+            view_client: None,
+            observers: Vec::new(),
+            readers: Vec::new(),
+            plane_viewer: None,
+            watch: None,
+        }
+    }
+
     /// Returns an empty volume for slices of these devices. An automatic choice of the insertion
     /// path depends on the poses that an arm can reach, if `by_reach`.
     pub(super) fn volume<'d>(
@@ -133,7 +156,12 @@ impl Session {
             off_plane: OffPlane::Settings,
             poses: Vec::new(),
         };
-        Ok(Shared::new(VolumeInserter::of_any_size(plan, self.mask)))
+        Ok(self.volume_of(plan))
+    }
+
+    /// Returns an empty volume by a plan.
+    pub(super) fn volume_of(&self, plan: Plan) -> Shared {
+        Shared::new(VolumeInserter::new(plan, self.mask))
     }
 
     /// Returns image poses spread over those that an arm can reach. Empty if other sources move
@@ -171,26 +199,26 @@ impl Session {
 
     pub(super) fn pairing_stage<'a>(
         &self,
-        instruments: Vec<DeviceRole>,
+        roles: Vec<DeviceRole>,
         common: Common<'a>,
-        onward: SliceSink,
+        sender: SliceSink,
     ) -> Result<Pairing<'a>, PipelineError> {
-        let timed = self.timed(instruments.iter())?;
+        let timed = self.timed(roles.iter())?;
         let guard = self.watch.as_ref().and_then(|watch| {
-            let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
+            let mut frames = roles.iter().flat_map(|role| &role.frames);
             Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones))
         });
-        let frames: Vec<[String; 2]> = instruments.iter().flat_map(|instrument| instrument.frames.clone()).collect();
+        let frames: Vec<[String; 2]> = roles.iter().flat_map(|role| role.frames.clone()).collect();
         let mut first = 0;
-        let parts = instruments.into_iter().map(|DeviceRole { name, gives, frames, latency_ns }| {
+        let parts = roles.into_iter().map(|DeviceRole { name, gives, frames, latency_ns }| {
             let sources = first..first + frames.len();
             first = sources.end;
             // The device defines the meaning of its time stamps when it is set up.
             Part { name, ingest: LiveIngest::new(gives, Timing::default(), latency_ns), sources: sources.collect() }
         });
         let parts = parts.collect();
-        common.board.route(timed.route());
-        guard.iter().for_each(|guard| common.board.in_zones(guard.found()));
-        Ok(Pairing::new(common, parts, timed, StuckDetector::new(self.mask), guard, frames, onward))
+        common.status.route(timed.route());
+        guard.iter().for_each(|guard| common.status.in_zones(guard.found()));
+        Ok(Pairing::new(common, parts, timed, StuckDetector::new(self.mask), guard, frames, sender))
     }
 }

@@ -30,7 +30,7 @@ pub(super) struct PendingChanges {
     /// the volume was replaced.
     pub(super) aside: Option<Changes>,
     /// Slices inserted so far, including those removed by clearing the volume.
-    pub(super) woven: u64,
+    pub(super) inserted: u64,
     /// Those of them that were inserted before the last clearing.
     pub(super) cleared: u64,
     /// First and last brick of the volume.
@@ -44,14 +44,14 @@ pub(super) struct PendingChanges {
     /// Number of its frame.
     pub(super) item: u64,
     /// Values determined by the first slice.
-    pub(super) begun: Option<Begun>,
+    pub(super) first: Option<FirstSlice>,
     /// The box that is rendered.
     pub(super) reach: Option<Reach>,
 }
 
 /// Extent of a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Bulk {
+pub struct VolumeExtent {
     /// Slices in it.
     pub slices: u64,
     /// Extent along its axes in voxels, a multiple of whole bricks.
@@ -62,7 +62,7 @@ pub struct Bulk {
 
 /// Values that the first slice determines for all pictures.
 #[derive(Clone, Copy)]
-pub(super) struct Begun {
+pub(super) struct FirstSlice {
     pub(super) lattice: Canonical,
     /// Its directions of u and v in the world.
     pub(super) slice_axes: Option<[DVec3; 2]>,
@@ -72,92 +72,93 @@ pub(super) struct Begun {
 impl PendingChanges {
     /// Adds a slice that was just inserted; `captured_ns` is the capture time of its frame, host
     /// ns.
-    pub(super) fn note(&mut self, woven: &InsertedSlice<'_>, captured_ns: Option<i64>) {
-        let begun = *self.begun.get_or_insert_with(|| {
-            let Slice { image, time_ns, world_from_image } = woven.slice;
+    pub(super) fn note(&mut self, inserted: &InsertedSlice<'_>, captured_ns: Option<i64>) {
+        let first = *self.first.get_or_insert_with(|| {
+            let Slice { image, time_ns, world_from_image } = inserted.slice;
             let size = [image.width(), image.height()];
-            let first = FramePose { item: woven.item, time_ns: *time_ns, size, world_from_image: *world_from_image };
-            Begun {
-                lattice: canonical(woven.weaver.world_from_lattice()),
+            let first = FramePose { item: inserted.item, time_ns: *time_ns, size, world_from_image: *world_from_image };
+            FirstSlice {
+                lattice: canonical(inserted.reconstructor.world_from_lattice()),
                 slice_axes: mean_axes(&[first]),
-                pixels: woven.pixels,
+                pixels: inserted.pixels,
             }
         });
         let mut shifted = Vec::new();
-        let touched = if begun.lattice.offset == [0; 3] {
-            woven.touched
+        let touched = if first.lattice.offset == [0; 3] {
+            inserted.touched
         } else {
-            shift(woven.touched, begun.lattice.offset, &mut shifted);
+            shift(inserted.touched, first.lattice.offset, &mut shifted);
             &shifted
         };
-        let slab = woven.slab.map(|slab| slab.shifted(begun.lattice.offset));
+        let slab = inserted.slab.map(|slab| slab.shifted(first.lattice.offset));
         for brick in touched {
             let [low, high] = self.bounds.get_or_insert([brick.map(i64::from); 2]);
             for (a, &at) in brick.iter().enumerate() {
                 (low[a], high[a]) = (low[a].min(i64::from(at)), high[a].max(i64::from(at)));
             }
         }
-        self.spacing_mm = woven.weaver.settings().spacing_mm.to_array();
+        self.spacing_mm = inserted.reconstructor.settings().spacing_mm.to_array();
         for changes in [Some(&mut self.changes), self.aside.as_mut()].into_iter().flatten() {
-            changes.note(touched, slab, woven.upgraded);
+            changes.note(touched, slab, inserted.upgraded);
         }
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
             None => self.reach = Reach::around(touched),
         }
-        self.woven += 1;
-        self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
+        self.inserted += 1;
+        self.last = inserted.mask.bounds().map(|data| (inserted.slice.clone(), data));
         self.captured_ns = captured_ns;
-        self.item = woven.item;
+        self.item = inserted.item;
     }
 
     /// Notes that the volume is empty again. The count of slices continues, so that every client
     /// notices the next slice.
     pub(super) fn clear(&mut self) {
-        *self = Self { woven: self.woven, cleared: self.woven, changes: Changes::unknown(), ..Self::default() };
+        *self =
+            Self { inserted: self.inserted, cleared: self.inserted, changes: Changes::unknown(), ..Self::default() };
     }
 
     /// Returns the number of slices in the volume.
     pub(super) fn slices(&self) -> u64 {
-        self.woven - self.cleared
+        self.inserted - self.cleared
     }
 
     /// Returns the volume's extent, if it has one.
-    pub(super) fn bulk(&self) -> Option<Bulk> {
+    pub(super) fn extent(&self) -> Option<VolumeExtent> {
         let [low, high] = self.bounds?;
         let voxels = std::array::from_fn(|a| (high[a] - low[a] + 1).unsigned_abs() * EDGE as u64);
         let mm = std::array::from_fn(|a| voxels[a] as f64 * self.spacing_mm[a]);
-        Some(Bulk { slices: self.slices(), voxels, mm })
+        Some(VolumeExtent { slices: self.slices(), voxels, mm })
     }
 }
 
 /// A reconstructor and its pending changes.
 pub(super) struct SharedVolume {
-    pub(super) loom: VolumeInserter,
-    pub(super) news: PendingChanges,
+    pub(super) inserter: VolumeInserter,
+    pub(super) pending: PendingChanges,
     /// Whether no slice follows.
     pub(super) ended: bool,
     /// Whether insertion waits for the picture of all present slices.
     pub(super) awaited: bool,
     /// Whether the render thread has ended.
-    undrawn: bool,
+    picture_ended: bool,
 }
 
 /// Shared [`SharedVolume`].
 pub(super) struct Shared {
-    fabric: Mutex<SharedVolume>,
+    shared: Mutex<SharedVolume>,
     changed: Condvar,
 }
 
 impl Shared {
-    pub(super) fn new(loom: VolumeInserter) -> Self {
+    pub(super) fn new(inserter: VolumeInserter) -> Self {
         Self {
-            fabric: Mutex::new(SharedVolume {
-                loom,
-                news: PendingChanges::default(),
+            shared: Mutex::new(SharedVolume {
+                inserter,
+                pending: PendingChanges::default(),
                 ended: false,
                 awaited: false,
-                undrawn: false,
+                picture_ended: false,
             }),
             changed: Condvar::new(),
         }
@@ -166,20 +167,20 @@ impl Shared {
     /// Locks it. If a thread panicked while holding the lock, the volume is complete up to its
     /// last slice.
     pub(super) fn lock(&self) -> MutexGuard<'_, SharedVolume> {
-        self.fabric.lock().unwrap_or_else(PoisonError::into_inner)
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Wakes the threads that wait for changes.
-    pub(super) fn tell(&self) {
+    pub(super) fn notify(&self) {
         self.changed.notify_all();
     }
 
-    /// Waits until more than `woven` slices are inserted, no slice follows, or the time is over.
+    /// Waits until more than `inserted` slices are inserted, no slice follows, or the time is over.
     /// If only `certain` slices are rendered, waits until a picture of one is requested.
-    pub(super) fn wait(&self, woven: u64, certain: bool, at_most: Duration) -> MutexGuard<'_, SharedVolume> {
-        let more = |fabric: &mut SharedVolume| {
-            let is_wanted = fabric.news.woven > woven && (fabric.awaited || !certain);
-            !is_wanted && !fabric.ended
+    pub(super) fn wait(&self, inserted: u64, certain: bool, at_most: Duration) -> MutexGuard<'_, SharedVolume> {
+        let more = |shared: &mut SharedVolume| {
+            let is_wanted = shared.pending.inserted > inserted && (shared.awaited || !certain);
+            !is_wanted && !shared.ended
         };
         self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
     }
@@ -187,60 +188,63 @@ impl Shared {
     /// Waits until the picture of all present slices is rendered and shown, or the render thread
     /// has ended.
     pub(super) fn await_picture(&self) {
-        let mut fabric = self.lock();
-        fabric.awaited = true;
+        let mut shared = self.lock();
+        shared.awaited = true;
         self.changed.notify_all();
-        let is_awaited = |fabric: &mut SharedVolume| fabric.awaited && !fabric.undrawn;
-        let mut fabric = self.changed.wait_while(fabric, is_awaited).unwrap_or_else(PoisonError::into_inner);
-        fabric.awaited = false;
+        let is_awaited = |shared: &mut SharedVolume| shared.awaited && !shared.picture_ended;
+        let mut shared = self.changed.wait_while(shared, is_awaited).unwrap_or_else(PoisonError::into_inner);
+        shared.awaited = false;
     }
 
     /// Reports that the picture of so many slices is shown.
     pub(super) fn shown(&self, slices: u64) {
-        let mut fabric = self.lock();
-        if fabric.news.woven == slices {
-            fabric.awaited = false;
+        let mut shared = self.lock();
+        if shared.pending.inserted == slices {
+            shared.awaited = false;
             self.changed.notify_all();
         }
     }
 
     /// Reports that rendering has ended, until it is resumed.
-    pub(super) fn undrawn(&self) {
-        self.lock().undrawn = true;
+    pub(super) fn picture_ended(&self) {
+        self.lock().picture_ended = true;
         self.changed.notify_all();
     }
 
     /// Waits for `at_most`, or until no slice follows.
     pub(super) fn rest(&self, at_most: Duration) {
-        let goes_on = |fabric: &mut SharedVolume| !fabric.ended;
+        let goes_on = |shared: &mut SharedVolume| !shared.ended;
         drop(self.changed.wait_timeout_while(self.lock(), at_most, goes_on));
     }
 
     /// Returns the digest of the volume and of the picture.
-    pub(super) fn seal(&self, picture: Option<&Renderer>) -> ResultDigest {
-        let fabric = self.lock();
+    pub(super) fn digest(&self, picture: Option<&Renderer>) -> ResultDigest {
+        let shared = self.lock();
         ResultDigest {
-            slices: fabric.news.slices(),
-            volume_sha256: fabric.loom.weaver().map(|weaver| digest::of_volume(weaver.volume())),
+            slices: shared.pending.slices(),
+            volume_sha256: shared
+                .inserter
+                .reconstructor()
+                .map(|reconstructor| digest::of_volume(reconstructor.volume())),
             picture_sha256: picture.map(digest::of_picture),
         }
     }
 
     /// Resumes after the end; returns the number of slices inserted.
-    pub(super) fn goes_on(&self) -> u64 {
-        let mut fabric = self.lock();
-        (fabric.ended, fabric.undrawn) = (false, false);
-        fabric.news.woven
+    pub(super) fn resume(&self) -> u64 {
+        let mut shared = self.lock();
+        (shared.ended, shared.picture_ended) = (false, false);
+        shared.pending.inserted
     }
 
-    /// Ends the threads that view the ended session.
-    pub(super) fn is_over(&self) {
+    /// Reports that no slice follows.
+    pub(super) fn end(&self) {
         self.lock().ended = true;
         self.changed.notify_all();
     }
 
     /// Returns the reconstructor, once no other thread shares it.
     pub(super) fn into_inner(self) -> SharedVolume {
-        self.fabric.into_inner().unwrap_or_else(PoisonError::into_inner)
+        self.shared.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 }

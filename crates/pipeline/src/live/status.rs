@@ -21,7 +21,7 @@ use super::picture::Drawn;
 use super::priority::SchedulingGrant;
 use super::pulse::{Pulse, Turns};
 use super::recorder::{Recording, Unwritten};
-use super::shared_volume::Bulk;
+use super::shared_volume::VolumeExtent;
 use super::timing::Spread;
 use super::zones::InZones;
 
@@ -30,10 +30,10 @@ pub const REPLAYED: &str = "replayed";
 
 /// A device of the session.
 #[derive(Debug, Clone, Serialize)]
-pub struct DeviceBoard {
+pub struct DeviceStatus {
     /// Its name.
     pub name: String,
-    /// One word: running, absent, silent, …
+    /// One event: running, absent, silent, …
     pub state: &'static str,
     /// Reason and remedy; empty if the device works.
     pub why: String,
@@ -48,12 +48,12 @@ pub struct DeviceBoard {
     /// Time since its last reading, s; `None` if none has arrived.
     pub last_reading_s_ago: Option<f64>,
     /// Its clocks: one, or one for each of its sources.
-    pub clocks: Vec<ClockBoard>,
+    pub clocks: Vec<ClockStatus>,
 }
 
 /// Accuracy of a device's clock, as last published.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct ClockBoard {
+pub struct ClockStatus {
     /// Its state.
     pub state: ClockState,
     /// Bound on its error, ms.
@@ -71,7 +71,7 @@ pub struct SessionStatus {
     #[serde(flatten)]
     pub ledger: Ledger,
     /// The devices.
-    pub devices: Vec<DeviceBoard>,
+    pub devices: Vec<DeviceStatus>,
     /// Present insertion path of slices, `general` or `planar`; `None` before the first slice.
     pub path: Option<&'static str>,
     /// Reason for the path, as the end of a sentence.
@@ -100,7 +100,7 @@ pub struct SessionStatus {
     /// Frames taken where the tracker's field is distorted; `None` without zones.
     pub distortion: Option<InZones>,
     /// The volume's extent, once it has slices.
-    pub volume: Option<Bulk>,
+    pub volume: Option<VolumeExtent>,
     /// Whether the user has frozen the session: frames are ignored.
     pub frozen: bool,
     /// The recording, as reported by the writer.
@@ -142,7 +142,7 @@ pub struct Written {
 
 /// Shared [`SessionStatus`].
 pub(super) struct StatusCollector {
-    account: Mutex<SessionStatus>,
+    status: Mutex<SessionStatus>,
     /// Time of each device's last delivery.
     last: Mutex<Vec<Option<Instant>>>,
     /// Turns of the stages.
@@ -157,15 +157,15 @@ impl StatusCollector {
     /// Returns the status of these devices. Repeated frames are reported once they last longer
     /// than `stuck_after_ns`.
     pub(super) fn new(devices: &[DeviceRole], stuck_after_ns: i64) -> Self {
-        let mut account = SessionStatus::default();
+        let mut status = SessionStatus::default();
         let mut rows = Vec::new();
         for DeviceRole { name, gives, .. } in devices {
             let grabs = matches!(gives, Gives::Pictures);
-            rows.push((!grabs).then_some(account.ledger.readings.len()));
+            rows.push((!grabs).then_some(status.ledger.readings.len()));
             if !grabs {
-                account.ledger.readings.push(Readings { device: name.clone(), ..Readings::default() });
+                status.ledger.readings.push(Readings { device: name.clone(), ..Readings::default() });
             }
-            account.devices.push(DeviceBoard {
+            status.devices.push(DeviceStatus {
                 name: name.clone(),
                 state: State::Stopped.word(),
                 why: String::new(),
@@ -178,7 +178,7 @@ impl StatusCollector {
             });
         }
         Self {
-            account: Mutex::new(account),
+            status: Mutex::new(status),
             last: Mutex::new(vec![None; devices.len()]),
             pulse: Pulse::new(devices.iter().map(|device| device.name.as_str())),
             rows,
@@ -187,43 +187,43 @@ impl StatusCollector {
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, SessionStatus> {
-        self.account.lock().unwrap_or_else(PoisonError::into_inner)
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns the present status.
     pub(super) fn snapshot(&self) -> SessionStatus {
-        let mut account = self.lock().clone();
-        account.stages = self.pulse.turns();
+        let mut status = self.lock().clone();
+        status.stages = self.pulse.turns();
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        for (device, last) in account.devices.iter_mut().zip(last.iter()) {
+        for (device, last) in status.devices.iter_mut().zip(last.iter()) {
             device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());
         }
-        account
+        status
     }
 
     /// Counts a device's reading that has arrived and waits.
     pub(super) fn arrived(&self, source: usize) {
-        let mut account = self.lock();
+        let mut status = self.lock();
         match self.rows[source] {
-            Some(row) => account.ledger.readings[row].total += 1,
-            None => account.ledger.arrived(),
+            Some(row) => status.ledger.readings[row].total += 1,
+            None => status.ledger.arrived(),
         }
     }
 
     /// Counts a waiting reading that was dropped because a queue was full.
     pub(super) fn dropped(&self, source: usize, queue: Queue) {
-        let mut account = self.lock();
+        let mut status = self.lock();
         match self.rows[source] {
-            Some(row) => account.ledger.readings[row].dropped += 1,
-            None => account.ledger.dropped(queue),
+            Some(row) => status.ledger.readings[row].dropped += 1,
+            None => status.ledger.dropped(queue),
         }
     }
 
     /// Counts a reading other than a frame: used as a sample, or refused for a reason.
     pub(super) fn sampled(&self, source: usize, refused: Option<&'static str>) {
-        let mut account = self.lock();
+        let mut status = self.lock();
         let Some(row) = self.rows[source] else { return };
-        let row = &mut account.ledger.readings[row];
+        let row = &mut status.ledger.readings[row];
         match refused {
             None => row.used += 1,
             Some(why) => *row.refused.entry(why).or_default() += 1,
@@ -265,8 +265,8 @@ impl StatusCollector {
 
     /// Sets the route to the world.
     pub(super) fn route(&self, route: &Route) {
-        let mut account = self.lock();
-        (account.world, account.route) = (route.world().to_owned(), route.describe());
+        let mut status = self.lock();
+        (status.world, status.route) = (route.world().to_owned(), route.describe());
     }
 
     /// Adds a note for the user.
@@ -276,37 +276,37 @@ impl StatusCollector {
 
     /// Sets the status of the recording.
     pub(super) fn recording(&self, recording: &Recording) {
-        let Recording { path, account, lost, ended, after_end, room } = recording;
+        let Recording { path, status, lost, ended, after_end, room } = recording;
         self.lock().recording = Some(Written {
             path: path.clone(),
-            messages: account.messages,
-            stored: account.stored,
-            lost: account.lost + lost.total(),
+            messages: status.messages,
+            stored: status.stored,
+            lost: status.lost + lost.total(),
             lost_before_writer: *lost,
             after_end: *after_end,
-            bytes: account.file_bytes,
+            bytes: status.file_bytes,
             minutes_left: room.filter(|_| ended.is_empty()).and_then(|room| room.minutes()),
-            trouble: if account.trouble.is_empty() { ended } else { &account.trouble }.clone(),
+            trouble: if status.trouble.is_empty() { ended } else { &status.trouble }.clone(),
         });
     }
 
     /// Counts a rendered picture.
     pub(super) fn drawn(&self, drawn: &Drawn) {
-        let mut account = self.lock();
-        (account.pictures, account.pictures_by_slab) = (drawn.pictures, drawn.by_slab);
-        account.pictures_skipped = drawn.skipped;
-        account.capture_to_picture.set_to(&drawn.capture_to_picture);
-        account.draw.set_to(&drawn.draw);
+        let mut status = self.lock();
+        (status.pictures, status.pictures_by_slab) = (drawn.pictures, drawn.by_slab);
+        status.pictures_skipped = drawn.skipped;
+        status.capture_to_picture.set_to(&drawn.capture_to_picture);
+        status.draw.set_to(&drawn.draw);
     }
 
     /// Stores a device's published clock.
     pub(super) fn clock(&self, source: usize, clock: usize, mapping: &Mapping) {
-        let mut account = self.lock();
-        let clocks = &mut account.devices[source].clocks;
+        let mut status = self.lock();
+        let clocks = &mut status.devices[source].clocks;
         if clocks.len() <= clock {
-            clocks.resize(clock + 1, ClockBoard::default());
+            clocks.resize(clock + 1, ClockStatus::default());
         }
-        clocks[clock] = ClockBoard {
+        clocks[clock] = ClockStatus {
             state: mapping.state,
             bound_ms: mapping.bound_ns as f64 * 1e-6,
             drift_ppm: mapping.drift_ppb as f64 * 1e-3,
@@ -332,8 +332,8 @@ impl StatusCollector {
 
     /// Sets a device's present health.
     pub(super) fn health(&self, source: usize, health: &Health) {
-        let mut account = self.lock();
-        let SessionStatus { ledger, devices, .. } = &mut *account;
+        let mut status = self.lock();
+        let SessionStatus { ledger, devices, .. } = &mut *status;
         let device = &mut devices[source];
         device.state = health.state.word();
         if device.why != health.why {
@@ -361,41 +361,41 @@ mod tests {
     #[test]
     fn readings_and_frames_are_each_accounted_for_once() {
         let of = |name: &str, gives| DeviceRole { name: name.into(), gives, frames: Vec::new(), latency_ns: 0 };
-        let board =
+        let collector =
             StatusCollector::new(&[of("tracker", Gives::Stations(vec![1])), of("grabber", Gives::Pictures)], 500);
         for _ in 0..5 {
-            board.arrived(0);
-            board.arrived(1);
+            collector.arrived(0);
+            collector.arrived(1);
         }
-        board.sampled(0, None);
-        board.sampled(0, Some("not valid"));
-        board.dropped(0, Queue::Pairing);
-        board.dropped(1, Queue::Pairing);
+        collector.sampled(0, None);
+        collector.sampled(0, Some("not valid"));
+        collector.dropped(0, Queue::Pairing);
+        collector.dropped(1, Queue::Pairing);
         let mut health = Health { state: State::Silent, why: "says nothing".into(), ..Health::default() };
         for lost in [2, 2, 7] {
             health.received.lost = lost;
-            board.health(0, &health);
-            board.health(1, &health);
+            collector.health(0, &health);
+            collector.health(1, &health);
         }
-        let account = board.snapshot();
-        let row = &account.ledger.readings[0];
+        let status = collector.snapshot();
+        let row = &status.ledger.readings[0];
         assert_eq!((row.total, row.used, row.dropped, row.lost, row.waiting()), (5, 1, 1, 7, 2));
         assert_eq!(row.refused["not valid"], 1);
-        let frames = &account.ledger.frames;
+        let frames = &status.ledger.frames;
         assert_eq!((frames.total, frames.waiting, frames.lost), (5, 4, 7));
         assert_eq!(frames.dropped[&Queue::Pairing], 1);
-        assert_eq!((account.devices[0].state, account.devices[1].why.as_str()), ("silent", "says nothing"));
-        assert_eq!(account.devices[0].last_reading_s_ago, None, "by its health nothing came");
+        assert_eq!((status.devices[0].state, status.devices[1].why.as_str()), ("silent", "says nothing"));
+        assert_eq!(status.devices[0].last_reading_s_ago, None, "by its health nothing came");
         health.received.readings = 1;
-        board.health(0, &health);
-        let [tracker, grabber] = [0, 1].map(|at| board.snapshot().devices[at].last_reading_s_ago);
+        collector.health(0, &health);
+        let [tracker, grabber] = [0, 1].map(|at| collector.snapshot().devices[at].last_reading_s_ago);
         assert!(tracker.is_some_and(|ago| ago >= 0.0) && grabber.is_none());
         let told = |since| {
-            board.stuck(since);
-            board.snapshot().stuck_s
+            collector.stuck(since);
+            collector.snapshot().stuck_s
         };
         assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500e-9), None]);
-        board.stuck_after(600);
+        collector.stuck_after(600);
         assert_eq!(told(Some(599)), None);
     }
 }

@@ -8,20 +8,20 @@ use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 use sync::ingest::live::{Live, LiveIngest};
 
 use super::device::DeviceRole;
-use super::event::{LATENCY, Latency, SET_UP, SetUp, TOLD_EVERY_NS};
+use super::event::{ADVANCE_EVERY_NS, LATENCY, Latency, SET_UP, SetUp};
 use super::recorded_decisions::of_json;
 
 /// The latencies that are subtracted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Latencies {
-    /// The instruments', throughout; the latencies of the session itself are ignored.
+    /// The roles', throughout; the latencies of the session itself are ignored.
     Given,
-    /// The instruments' at first, then those that the session received while it ran. Clocks are
+    /// The roles' at first, then those that the session received while it ran. Clocks are
     /// advanced as they were then, so that the times equal those of its replay.
-    AsTold,
+    AsRecorded,
 }
 
-/// Visits every sample of a session. Each has its device's index among the instruments and its
+/// Visits every sample of a session. Each has its device's index among the roles and its
 /// clock's time less the latency. Without `images`, a frame is one black pixel.
 ///
 /// # Errors
@@ -29,13 +29,13 @@ pub enum Latencies {
 pub fn walk(
     session: &Path,
     images: bool,
-    instruments: Vec<DeviceRole>,
+    roles: Vec<DeviceRole>,
     latencies: Latencies,
     mut take: impl FnMut(usize, Live),
 ) -> Result<(), Error> {
     let mut replay = SessionReplay::open(&SessionSettings { images, ..SessionSettings::new(session) })?;
-    let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
-    let mut ingests: Vec<LiveIngest> = instruments
+    let names: Vec<String> = roles.iter().map(|role| role.name.clone()).collect();
+    let mut ingests: Vec<LiveIngest> = roles
         .into_iter()
         .map(|DeviceRole { gives, latency_ns, name, .. }| {
             let about = replay.devices().iter().find(|about| about.name == name);
@@ -43,7 +43,7 @@ pub fn walk(
             LiveIngest::new(gives, timing, latency_ns)
         })
         .collect();
-    let mut told_ns = i64::MIN;
+    let mut advanced_ns = i64::MIN;
     replay.start()?;
     loop {
         let reading = match replay.next(NO_DEADLINE)? {
@@ -52,8 +52,8 @@ pub fn walk(
             Next::End => break,
         };
         let at_ns = replay.handed_over_ns();
-        if latencies == Latencies::AsTold && at_ns.saturating_sub(told_ns) >= TOLD_EVERY_NS {
-            told_ns = at_ns;
+        if latencies == Latencies::AsRecorded && at_ns.saturating_sub(advanced_ns) >= ADVANCE_EVERY_NS {
+            advanced_ns = at_ns;
             ingests.iter_mut().for_each(|ingest| ingest.advance(at_ns));
         }
         match reading {
@@ -65,7 +65,7 @@ pub fn walk(
                     ingests[place].set_up(timing);
                 }
             }
-            Reading::Recorded(note) if note.topic == LATENCY && latencies == Latencies::AsTold => {
+            Reading::Recorded(note) if note.topic == LATENCY && latencies == Latencies::AsRecorded => {
                 let Latency { device, latency_ns } = of_json(session, LATENCY, &note.text)?;
                 if let Some(place) = names.iter().position(|name| *name == device) {
                     ingests[place].set_latency(latency_ns);

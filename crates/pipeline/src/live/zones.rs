@@ -80,7 +80,7 @@ pub(super) struct Warnings {
 impl Warnings {
     /// Warns if the sensor has entered a zone since the last warning, with a minimum interval.
     /// Returns the sentence.
-    pub(super) fn say(&mut self, distortion: Option<InZones>, now: Instant) -> Option<String> {
+    pub(super) fn log(&mut self, distortion: Option<InZones>, now: Instant) -> Option<String> {
         let InZones { entered, rms_mm, frames, .. } = distortion?;
         let due = self.said.is_none_or(|said| now.duration_since(said) >= PAUSE);
         if entered <= self.entered || !due {
@@ -110,7 +110,7 @@ mod tests {
         let mut guard = Guard::new(1, &Arc::new(Zones::new(10.0, 1.0, None, zones.to_vec())));
         let (mut warnings, begin) = (Warnings::default(), Instant::now());
         let reported = std::cell::Cell::new(guard.found());
-        let mut say = |after_s| warnings.say(Some(reported.get()), begin + Duration::from_secs(after_s));
+        let mut say = |after_s| warnings.log(Some(reported.get()), begin + Duration::from_secs(after_s));
         let mut at = |x: f64| guard.check(DVec3::new(x, 5.0, 5.0)).iter().for_each(|found| reported.set(*found));
         at(-1.0);
         let nothing = InZones { zones: 2, ..InZones::default() };

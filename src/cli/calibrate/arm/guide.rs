@@ -10,7 +10,7 @@ use config::bedside::Tracking;
 use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
-use super::session::instrument;
+use super::session::role;
 use super::{Arguments, Work};
 use crate::cli::Failure;
 
@@ -28,7 +28,7 @@ pub(super) fn gathered(path: &Path, arguments: &Arguments) -> Result<PathBuf, Fa
         let (arm, _) = work.start(calibration.arm, calibration.arm_fit_rms_mm)?;
         // Reports a bad file now, and not after all touches.
         arguments.places.read()?;
-        Ok((Touching { work, arm, readings: Vec::new(), begin_ns: None }, vec![instrument(bedside)]))
+        Ok((Touching { work, arm, readings: Vec::new(), begin_ns: None }, vec![role(bedside)]))
     })?;
     Ok(gathered.session)
 }

@@ -28,9 +28,9 @@ pub(super) struct Recorded {
     pub(super) counts: Counts,
 }
 
-/// Returns an arm instrument that delivers its joints' counts instead of its tip's pose. Axes
+/// Returns an arm role that delivers its joints' counts instead of its tip's pose. Axes
 /// that are read one by one are synchronised as in a session.
-pub(super) fn instrument(bedside: &Bedside) -> DeviceRole {
+pub(super) fn role(bedside: &Bedside) -> DeviceRole {
     let kinematics = |counts: &[f64]| {
         let position_mm = DVec3::from_array(counts.get(..JOINTS)?.try_into().ok()?);
         Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
@@ -56,7 +56,7 @@ pub(super) fn read(path: &Path, from: Option<f64>, to: Option<f64>) -> Result<Re
         )));
     };
     let (mut samples, mut refused) = (Vec::new(), Vec::new());
-    walk(path, false, vec![instrument(&bedside)], Latencies::Given, |_, live| match live {
+    walk(path, false, vec![role(&bedside)], Latencies::Given, |_, live| match live {
         Live::Pose { sample, .. } => samples.push(sample),
         Live::Refused(refusal) => refused.push(refusal),
         _ => {}

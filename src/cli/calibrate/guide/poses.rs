@@ -40,9 +40,9 @@ pub(in crate::cli::calibrate) fn gathered(
         return Ok(Cow::Borrowed(recording));
     };
     let Gathered { session, from_s } = lead(path, &recording.gathering, |bedside| {
-        let mut instruments = without_latency(bedside)?;
-        instruments.truncate(GRABBER);
-        Ok((PoseGuide { tracks: Tracks::of_instruments(&instruments, bedside), judge }, instruments))
+        let mut roles = without_latency(bedside)?;
+        roles.truncate(GRABBER);
+        Ok((PoseGuide { tracks: Tracks::of_instruments(&roles, bedside), judge }, roles))
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

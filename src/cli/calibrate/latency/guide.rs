@@ -25,8 +25,8 @@ const LONG_S: f64 = 12.0;
 /// [`Failure`] when they cannot be recorded.
 pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
     let begin = |bedside: &_| {
-        let instruments = without_latency(bedside)?;
-        Ok((UpAndDown { tracks: Tracks::of_instruments(&instruments, bedside) }, instruments))
+        let roles = without_latency(bedside)?;
+        Ok((UpAndDown { tracks: Tracks::of_instruments(&roles, bedside) }, roles))
     };
     Ok(lead(bedside, &arguments.gathering, begin)?.session)
 }

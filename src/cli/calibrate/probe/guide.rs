@@ -33,10 +33,10 @@ pub(super) fn gathered(
     clip: Option<ClipRect>,
 ) -> Result<PathBuf, Failure> {
     let gathered = lead(path, &arguments.gathering, |bedside| {
-        let instruments = without_latency(bedside)?;
+        let roles = without_latency(bedside)?;
         let scanned = Scanned {
             looker: Looker::new(layout, clip, Some(bedside.mask)),
-            tracks: Tracks::of_instruments(&instruments, bedside),
+            tracks: Tracks::of_instruments(&roles, bedside),
             seen: Vec::new(),
             trouble: None,
             layout,
@@ -45,7 +45,7 @@ pub(super) fn gathered(
             goal_mm: arguments.goal,
             limit_mm: arguments.limit,
         };
-        Ok((scanned, instruments))
+        Ok((scanned, roles))
     })?;
     Ok(gathered.session)
 }

@@ -25,8 +25,8 @@ pub(in crate::cli::calibrate) struct Tracks {
 
 impl Tracks {
     /// Creates empty tracks for the devices of a session.
-    pub(in crate::cli::calibrate) fn of_instruments(instruments: &[DeviceRole], bedside: &Bedside) -> Self {
-        let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
+    pub(in crate::cli::calibrate) fn of_instruments(roles: &[DeviceRole], bedside: &Bedside) -> Self {
+        let frames = roles.iter().flat_map(|role| &role.frames);
         let named = frames.map(|[from, _]| (from.clone(), Vec::new())).collect();
         Self { named, refused: Vec::new(), pictures: 0, longest_gap_ns: bedside.pairing.longest_gap_ns }
     }
@@ -36,9 +36,9 @@ impl Tracks {
     /// # Errors
     /// [`Failure`] when the recording cannot be read.
     pub(in crate::cli::calibrate) fn read(path: &Path, bedside: &Bedside) -> Result<Self, Failure> {
-        let instruments = without_latency(bedside)?;
-        let mut tracks = Self::of_instruments(&instruments, bedside);
-        walk(path, false, instruments, Latencies::Given, |device, live| tracks.take(device, live))?;
+        let roles = without_latency(bedside)?;
+        let mut tracks = Self::of_instruments(&roles, bedside);
+        walk(path, false, roles, Latencies::Given, |device, live| tracks.take(device, live))?;
         Ok(tracks)
     }
 

@@ -36,7 +36,7 @@ pub(super) fn gathered(
     names: Names<'_>,
 ) -> Result<PathBuf, Failure> {
     let gathered = lead(path, &arguments.gathering, |bedside| {
-        let instruments = without_latency(bedside)?;
+        let roles = without_latency(bedside)?;
         let scanned = Scanned {
             target,
             names,
@@ -49,11 +49,11 @@ pub(super) fn gathered(
                 Eye::Dots(DotFinder::new())
             },
             region: None,
-            tracks: Tracks::of_instruments(&instruments, bedside),
+            tracks: Tracks::of_instruments(&roles, bedside),
             seen: Vec::new(),
             trouble: None,
         };
-        Ok((scanned, instruments))
+        Ok((scanned, roles))
     })?;
     Ok(gathered.session)
 }

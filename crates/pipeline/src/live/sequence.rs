@@ -1,0 +1,159 @@
+//! A recorded sequence as a source of slices: each frame has its transforms beside it, so that its
+//! pose is known at once.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crossbeam_channel::Sender;
+
+use drivers::replay::{Replay, SequenceSettings};
+use reconstruct::path_choice::Chosen;
+use sonoweave_core::{Device, NO_DEADLINE, Next};
+use sync::graph::Route;
+use sync::ingest::live::Gives;
+use sync::ingest::{Ingest, Sample};
+use sync::survey::{Survey, gap};
+use sync::{FramePose, PairingOptions, StampedPairing, survey};
+
+use super::common::Common;
+use super::device::DeviceRole;
+use super::insert::{InsertMessage, Posed};
+use super::pulse::Stage;
+use super::session::Session;
+use crate::inserter::Plan;
+use crate::{CapturedFrame, OffPlane, PipelineError};
+
+/// A recorded sequence, and all poses in it.
+pub struct Sequence {
+    input: SequenceSettings,
+    frames: Range<u64>,
+    off_plane: OffPlane,
+    survey: Survey,
+    used: Vec<FramePose>,
+}
+
+impl Sequence {
+    /// Reads the transforms of a sequence. `frames` are those to use, by their number in it.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the file is unreadable, has no route to the world, or none of the
+    /// frames to use has a pose.
+    pub fn open(
+        input: SequenceSettings,
+        frames: Range<u64>,
+        off_plane: OffPlane,
+        options: &PairingOptions,
+    ) -> Result<Self, PipelineError> {
+        let without_pixels = SequenceSettings { images: false, ..input.clone() };
+        let survey = survey(&mut open(&without_pixels)?, options)?;
+        let used: Vec<FramePose> = survey.poses.iter().filter(|pose| frames.contains(&pose.item)).copied().collect();
+        if survey.poses.is_empty() {
+            return Err(PipelineError::NothingUsed(Box::new(survey.ledger)));
+        }
+        if used.is_empty() {
+            return Err(PipelineError::NoSuchFrames { frames, total: survey.ledger.frames.total });
+        }
+        Ok(Self { input, frames, off_plane, survey, used })
+    }
+
+    /// Returns the number of frames to use.
+    pub fn count(&self) -> u64 {
+        let total = self.survey.ledger.frames.total;
+        self.frames.end.min(total).saturating_sub(self.frames.start)
+    }
+
+    /// Returns the role of the only device.
+    pub(super) fn role(&self) -> DeviceRole {
+        let name = self.input.path.display().to_string();
+        DeviceRole { name, gives: Gives::Pictures, frames: Vec::new(), latency_ns: 0 }
+    }
+
+    /// Returns the inputs of the reconstruction. The automatic σ across the slices and the
+    /// insertion path follow from the poses of all frames to use.
+    pub(super) fn plan(&self, session: &Session) -> Result<Plan, PipelineError> {
+        let mut settings = session.settings.clone();
+        settings.sigma_mm[2] = match self.off_plane {
+            OffPlane::Settings => settings.sigma_mm[2],
+            OffPlane::Auto => Some(0.5 * gap(&self.used).ok_or(PipelineError::NoGap)?),
+        };
+        let chosen = Chosen::by_poses(session.path, &settings, &session.planar, &self.used)?;
+        Ok(Plan {
+            choice: session.path,
+            settings,
+            planar: session.planar,
+            chosen: Some(chosen),
+            reach: Vec::new(),
+            off_plane: self.off_plane,
+            poses: self.used.clone(),
+        })
+    }
+}
+
+/// Reads a sequence to its end, or until `ends` is set, and sends its slices. Returns notes for
+/// the user.
+///
+/// # Errors
+/// [`PipelineError`] if the file is damaged before its end.
+pub(super) fn run(
+    sequence: Sequence,
+    options: PairingOptions,
+    common: Common<'_>,
+    ends: &AtomicBool,
+    slices: &Sender<InsertMessage>,
+) -> Result<Vec<String>, PipelineError> {
+    let Sequence { input, frames, survey, .. } = sequence;
+    let (mut ingest, mut pairing) = (Ingest::new(), StampedPairing::with_names(options, &survey.names)?);
+    let status = common.status;
+    pairing.route().iter().for_each(|route| status.route(route));
+    let turns = status.pulse.of(Stage::Pairing);
+    let mut device = open(&input)?;
+    device.start()?;
+    while !ends.load(Ordering::Relaxed) {
+        turns.turn();
+        let reading = match device.next(NO_DEADLINE)? {
+            Next::Reading(reading) => reading,
+            Next::Pending => continue,
+            Next::End => break,
+        };
+        let item = reading.stamp().item;
+        let image = match ingest.take(reading) {
+            Sample::Transform(transform) => {
+                pairing.transform(transform);
+                continue;
+            }
+            Sample::Unused(kind) => {
+                status.lock().ledger.unused(kind);
+                continue;
+            }
+            _ if !frames.contains(&item) => continue,
+            Sample::Refused(refusal) => Err(refusal),
+            Sample::Picture(image) => Ok(image),
+        };
+        status.arrived(0);
+        common.in_flight.enter();
+        let paired = image.and_then(|image| {
+            status.lock().ledger.untimed += u64::from(image.head.untimed);
+            let frame = CapturedFrame { item, captured_ns: image.head.time_ns, image: &image.image };
+            common.observers.iter().for_each(|observer| observer.captured(&frame));
+            pairing.frame(image)
+        });
+        match paired {
+            Ok(paired) => {
+                status.lock().ledger.projected(paired.pose.projected, paired.pose.deviation);
+                let (world, slice) = (pairing.route().map_or("", Route::world), paired.slice);
+                common.observers.iter().for_each(|observer| observer.slice(world, item, &slice));
+                // Insertion has ended if its queue is closed, and reports the reason.
+                if slices.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err() {
+                    break;
+                }
+            }
+            Err(refusal) => common.refuse(&refusal),
+        }
+    }
+    device.stop()?;
+    Ok(ingest.notes().iter().chain(pairing.notes()).cloned().collect())
+}
+
+fn open(input: &SequenceSettings) -> Result<Replay, sonoweave_core::Error> {
+    Ok(Replay::open(input)?)
+}
