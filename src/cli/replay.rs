@@ -1,6 +1,7 @@
 //! `sonoweave replay`: reconstructs a recorded sweep into a volume, while a picture follows it
 //! slice by slice.
 
+mod follow;
 mod following;
 mod planes;
 mod reel;
@@ -11,12 +12,10 @@ mod showing;
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use clap::{Args, ValueEnum};
 
 use drivers::replay::Pace;
-use pipeline::{InsertedSlice, Observer, Outcome};
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
@@ -24,10 +23,10 @@ use super::igtl::Sharing;
 use super::live::outputs::Outputs;
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
-use super::reconstruct::sweep::Sweep;
 use super::render::check_png;
 use super::render::look::{Look, Mode};
 use super::{Failure, input, values};
+use follow::reconstruct;
 use following::Following;
 use planes::{Planes, Source};
 use series::Series;
@@ -164,37 +163,6 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     request.finish(outcome, statistics.as_ref())?;
     statistics.iter().for_each(|statistics| following::report(statistics, picture));
     Ok(())
-}
-
-/// Pictures that follow the volume, rendered after each slice before the next is inserted.
-trait Follow: Send {
-    /// Renders what a slice has changed.
-    ///
-    /// # Errors
-    /// [`Failure`] when a picture cannot be drawn or written.
-    fn follow(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), Failure>;
-}
-
-/// Observer that lets pictures follow each slice.
-struct Follower<F>(Mutex<F>);
-
-impl<F> Follower<F> {
-    fn lock(&self) -> MutexGuard<'_, F> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl<F: Follow> Observer for Follower<F> {
-    fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        self.lock().follow(inserted).map_err(|Failure(sentence)| sentence.into())
-    }
-}
-
-/// Reconstructs a sweep, followed by pictures.
-fn reconstruct<F: Follow + 'static>(mut sweep: Sweep, follow: F) -> Result<(Outcome, Arc<Follower<F>>), Failure> {
-    let follower = Arc::new(Follower(Mutex::new(follow)));
-    sweep.session.observers.push(Arc::clone(&follower) as Arc<dyn Observer>);
-    Ok((sweep.reconstruct("replaying")?, follower))
 }
 
 impl Arguments {

@@ -106,7 +106,7 @@ pub struct Gathered {
 }
 
 /// Records a session's devices until the guide has enough, Ctrl-C is pressed, or the time is
-/// over. Only the roles that `begin` returns are recorded; the first of them carries the
+/// over. Only the devices that `begin` returns are recorded; the first of them carries the
 /// probe.
 ///
 /// # Errors

@@ -15,7 +15,7 @@ use statistics::{Milliseconds, PictureNumbers, PictureStatistics};
 use volume::brick::BrickIndex;
 use volume::lattice::{Shifted, canonical, shift};
 
-use super::Follow;
+use super::follow::Follow;
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;

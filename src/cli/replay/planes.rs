@@ -16,7 +16,7 @@ use render::settings::pool;
 use statistics::Milliseconds;
 use volume::lattice::{Shifted, canonical};
 
-use super::Follow;
+use super::follow::Follow;
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::look::Look;

@@ -75,7 +75,7 @@ impl FrameOutcome {
         Self::Refused { reason: refusal.reason.name().into(), detail: refusal.detail.clone() }
     }
 
-    /// Returns the outcome as text, without details.
+    /// Returns the outcome as text, without details, which are sentences and may be reworded.
     pub(super) fn words(&self) -> String {
         match self {
             Self::Used => "used".into(),

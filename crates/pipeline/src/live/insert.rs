@@ -46,7 +46,7 @@ pub(super) struct Times {
     pub(super) known_ns: i64,
 }
 
-/// How slices are inserted.
+/// Treatment of slices by the insertion thread.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Insertion {
     /// Whether no source follows: slices that wait for the mask are then inserted at the end.

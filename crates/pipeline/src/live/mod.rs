@@ -10,7 +10,7 @@
 //! |---|---|---|
 //! | capture → pairing | 4096 readings; frames of all stages together at most 256 MB | the reading is dropped and counted; it is in the recording |
 //! | pairing → insertion | 64 slices | the new slice is dropped and counted: the waiting ones are older, and their content would be lost for good |
-//! | insertion → picture | the changed bricks | never: a picture shows all slices present when it is first |
+//! | insertion → picture | the changed bricks | never: a picture shows all slices present when it is begun |
 //! | all → recording | 4096 messages, of which 3072 frames, and 64 MB in the writer | frames are dropped first, then everything; counted, also in the recording |
 //!
 //! Pairing depends only on the session events, their order and their times. The recording has

@@ -173,8 +173,7 @@ impl<'a> Pairing<'a> {
             }
             Live::Waits(_) => status.sampled(source, None),
             Live::Picture { picture: Picture { head, .. }, .. } if self.frozen => {
-                let why = "the session is frozen, by whoever client at it";
-                self.common.refuse(&Refusal::new(head.stamp.item, Reason::Frozen, why));
+                self.common.refuse(&Refusal::new(head.stamp.item, Reason::Frozen, "the session is frozen"));
             }
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);

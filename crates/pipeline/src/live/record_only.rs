@@ -42,7 +42,7 @@ pub enum RecordEvent<'a> {
 /// dropped.
 ///
 /// # Errors
-/// [`PipelineError`] if there is no recording, or it cannot be first. Absent devices are not an
+/// [`PipelineError`] if there is no recording, or it cannot be begun. Absent devices are not an
 /// error.
 pub fn record_only(
     devices: Vec<SessionDevice>,

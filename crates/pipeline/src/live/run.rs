@@ -68,7 +68,7 @@ pub fn run<'a>(
             session.volume(first.roles.iter(), first.decisions.is_path_by_reach())?
         }
         (None, Source::Devices { devices, .. }) => session.volume(devices.iter().map(|device| &device.role), true)?,
-        (None, Source::Sequence(sequence)) => session.volume_of(sequence.plan(session)?),
+        (None, Source::Sequence(sequence)) => session.volume_of_sequence(sequence)?,
     };
     let mut notes = Vec::new();
     for recorded in resumed {

@@ -7,29 +7,27 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crossbeam_channel::Sender;
 
 use drivers::replay::{Replay, SequenceSettings};
-use reconstruct::path_choice::Chosen;
 use sonoweave_core::{Device, NO_DEADLINE, Next};
 use sync::graph::Route;
 use sync::ingest::live::Gives;
 use sync::ingest::{Ingest, Sample};
-use sync::survey::{Survey, gap};
+use sync::survey::Survey;
 use sync::{FramePose, PairingOptions, StampedPairing, survey};
 
 use super::common::Common;
 use super::device::DeviceRole;
 use super::insert::{InsertMessage, Posed};
 use super::pulse::Stage;
-use super::session::Session;
-use crate::inserter::Plan;
 use crate::{CapturedFrame, OffPlane, PipelineError};
 
 /// A recorded sequence, and all poses in it.
 pub struct Sequence {
     input: SequenceSettings,
     frames: Range<u64>,
-    off_plane: OffPlane,
+    pub(super) off_plane: OffPlane,
     survey: Survey,
-    used: Vec<FramePose>,
+    /// Poses of the frames to use.
+    pub(super) used: Vec<FramePose>,
 }
 
 impl Sequence {
@@ -66,26 +64,6 @@ impl Sequence {
     pub(super) fn role(&self) -> DeviceRole {
         let name = self.input.path.display().to_string();
         DeviceRole { name, gives: Gives::Pictures, frames: Vec::new(), latency_ns: 0 }
-    }
-
-    /// Returns the inputs of the reconstruction. The automatic σ across the slices and the
-    /// insertion path follow from the poses of all frames to use.
-    pub(super) fn plan(&self, session: &Session) -> Result<Plan, PipelineError> {
-        let mut settings = session.settings.clone();
-        settings.sigma_mm[2] = match self.off_plane {
-            OffPlane::Settings => settings.sigma_mm[2],
-            OffPlane::Auto => Some(0.5 * gap(&self.used).ok_or(PipelineError::NoGap)?),
-        };
-        let chosen = Chosen::by_poses(session.path, &settings, &session.planar, &self.used)?;
-        Ok(Plan {
-            choice: session.path,
-            settings,
-            planar: session.planar,
-            chosen: Some(chosen),
-            reach: Vec::new(),
-            off_plane: self.off_plane,
-            poses: self.used.clone(),
-        })
     }
 }
 

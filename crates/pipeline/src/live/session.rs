@@ -12,6 +12,7 @@ use sonoweave_core::frames::{Image, Transform, World};
 use sync::PairingOptions;
 use sync::ingest::live::{Gives, LiveIngest};
 use sync::pairing::timed::{Source as PoseSource, TimedOptions, TimedPairing};
+use sync::survey::gap;
 
 use super::common::Common;
 use super::device::{DeviceRole, SessionDevice};
@@ -156,12 +157,22 @@ impl Session {
             off_plane: OffPlane::Settings,
             poses: Vec::new(),
         };
-        Ok(self.volume_of(plan))
+        Ok(Shared::new(VolumeInserter::new(plan, self.mask)))
     }
 
-    /// Returns an empty volume by a plan.
-    pub(super) fn volume_of(&self, plan: Plan) -> Shared {
-        Shared::new(VolumeInserter::new(plan, self.mask))
+    /// Returns an empty volume for a sequence. The automatic σ across the slices and the insertion
+    /// path follow from the poses of all frames to use.
+    pub(super) fn volume_of_sequence(&self, sequence: &Sequence) -> Result<Shared, PipelineError> {
+        let Sequence { off_plane, used, .. } = sequence;
+        let mut settings = self.settings.clone();
+        settings.sigma_mm[2] = match off_plane {
+            OffPlane::Settings => settings.sigma_mm[2],
+            OffPlane::Auto => Some(0.5 * gap(used).ok_or(PipelineError::NoGap)?),
+        };
+        let chosen = Some(Chosen::by_poses(self.path, &settings, &self.planar, used)?);
+        let (choice, planar, off_plane) = (self.path, self.planar, *off_plane);
+        let plan = Plan { choice, settings, planar, chosen, reach: Vec::new(), off_plane, poses: used.clone() };
+        Ok(Shared::new(VolumeInserter::new(plan, self.mask)))
     }
 
     /// Returns image poses spread over those that an arm can reach. Empty if other sources move

@@ -33,7 +33,7 @@ pub const REPLAYED: &str = "replayed";
 pub struct DeviceStatus {
     /// Its name.
     pub name: String,
-    /// One event: running, absent, silent, …
+    /// One word: running, absent, silent, …
     pub state: &'static str,
     /// Reason and remedy; empty if the device works.
     pub why: String,

@@ -16,7 +16,7 @@ use super::recorded_decisions::of_json;
 pub enum Latencies {
     /// The roles', throughout; the latencies of the session itself are ignored.
     Given,
-    /// The roles' at first, then those that the session received while it ran. Clocks are
+    /// The devices' at first, then those that the session received while it ran. Clocks are
     /// advanced as they were then, so that the times equal those of its replay.
     AsRecorded,
 }
