@@ -17,9 +17,9 @@ use super::Failure;
 use super::live::outputs::say;
 
 /// Polling interval for the start of a session.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL: Duration = Duration::from_millis(20);
 /// Time between two status sentences.
-const TELL_EVERY: Duration = Duration::from_millis(500);
+const STATUS_EVERY: Duration = Duration::from_millis(500);
 
 /// Flags of the OpenIGTLink server.
 #[derive(Debug, Clone, Default, Args)]
@@ -38,16 +38,17 @@ pub(in crate::cli) struct Sharing {
 }
 
 /// A session's server.
-pub(in crate::cli) struct Shared {
+pub(in crate::cli) struct IgtlServer {
     hub: Arc<Hub>,
     commands: Arc<Commands>,
     server: Server,
-    told: Option<Instant>,
+    /// Time of the last status sentence.
+    sent: Option<Instant>,
 }
 
 impl Sharing {
     /// Whether the server is requested.
-    pub(in crate::cli) fn is_wanted(&self) -> bool {
+    pub(in crate::cli) fn is_requested(&self) -> bool {
         self.igtl.is_some()
     }
 
@@ -55,7 +56,7 @@ impl Sharing {
     ///
     /// # Errors
     /// [`Failure`] when the address is taken.
-    pub(in crate::cli) fn begin(&self, ends: &Arc<AtomicBool>, quiet: bool) -> Result<Option<Shared>, Failure> {
+    pub(in crate::cli) fn begin(&self, ends: &Arc<AtomicBool>, quiet: bool) -> Result<Option<IgtlServer>, Failure> {
         let Some(address) = self.igtl else { return Ok(None) };
         let hub = Arc::new(Hub::new());
         let commands = Arc::new(Commands::new(Arc::clone(ends), self.igtl_save.clone(), self.igtl_wait));
@@ -70,17 +71,17 @@ impl Sharing {
                 );
             }
         }
-        let shared = Shared { hub, commands, server, told: None };
+        let shared = IgtlServer { hub, commands, server, sent: None };
         while !shared.commands.may_start() && !ends.load(Ordering::Relaxed) {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
         Ok(Some(shared))
     }
 }
 
-impl Shared {
+impl IgtlServer {
     /// Registers as an observer of the session and as a reader of its volume.
-    pub(in crate::cli) fn joins(&self, session: &mut Session) {
+    pub(in crate::cli) fn observe(&self, session: &mut Session) {
         session.observers.push(Arc::clone(&self.hub) as Arc<dyn Observer>);
         session.readers.push(Arc::clone(&self.hub) as Arc<dyn Reader>);
     }
@@ -91,9 +92,9 @@ impl Shared {
     }
 
     /// Sends the session's status to clients.
-    pub(in crate::cli) fn tell(&mut self, sentence: impl FnOnce() -> String) {
-        if self.told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
-            self.told = Some(Instant::now());
+    pub(in crate::cli) fn send_status(&mut self, sentence: impl FnOnce() -> String) {
+        if self.sent.is_none_or(|sent| sent.elapsed() >= STATUS_EVERY) {
+            self.sent = Some(Instant::now());
             self.hub.tell(true, &sentence());
         }
     }

@@ -113,10 +113,10 @@ enum CacheName {
 /// [`Failure`]; intermediate pictures may have been written then.
 pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if input::is_session(&arguments.sequence)? {
-        let wanted = arguments.of_session(given)?;
+        let request = arguments.of_session(given)?;
         return match arguments.console {
-            Some(address) => showing::run(&wanted, address, arguments.keep.as_deref()),
-            None => session::run(&wanted),
+            Some(address) => showing::run(&request, address, arguments.keep.as_deref()),
+            None => session::run(&request),
         };
     }
     if arguments.console.is_some() {
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
             "--console: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
         ));
     }
-    if arguments.sharing.is_wanted() {
+    if arguments.sharing.is_requested() {
         return Err(Failure(
             "--igtl: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
         ));
@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
 impl Arguments {
     /// Returns the request for a session, which has its own settings; `given` are the flags on
     /// the command line.
-    fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
+    fn of_session(&self, given: &[String]) -> Result<session::ReplayRequest<'_>, Failure> {
         const KNOWN: [&str; 18] = [
             "console",
             "keep",
@@ -196,7 +196,7 @@ impl Arguments {
                 flag.replace('_', "-")
             )));
         }
-        Ok(session::Wanted {
+        Ok(session::ReplayRequest {
             session: &self.sequence,
             config: self.flags.config.as_deref(),
             pace: self.speed,

@@ -19,7 +19,7 @@ use sonoweave_core::clock::{Clock as _, Monotonic};
 use sync::ingest::live::Live;
 
 use super::super::live::outputs::{say, troubles};
-use super::super::live::session::{check_duration, until_told};
+use super::super::live::session::{check_duration, quit_on_signal};
 use super::super::live::stages::record_of;
 use super::super::live::{home::Home, status_publisher};
 use super::super::{Failure, values};
@@ -120,7 +120,7 @@ pub fn lead<G: Guide>(
     let (mut guide, roles) = begin(&bedside)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
-    let ends = until_told()?;
+    let ends = quit_on_signal()?;
     let policy = status_publisher::policy(&bedside)?;
     let Devices { tracking, protocol, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, roles.len() > GRABBER)?;

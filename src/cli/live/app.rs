@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use config::bedside::Bedside;
 use drivers::simulated::Pty;
 use pipeline::Observer;
-use pipeline::command::Instruction;
+use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, SessionController};
 use pipeline::live::{
     EndedSession, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice, SessionInputs,
@@ -27,27 +27,28 @@ use super::status_publisher::StatusPublisher;
 use super::terminal::Terminal;
 use super::viewers::Viewers;
 use crate::cli::Failure;
-use crate::cli::igtl::Shared;
+use crate::cli::igtl::IgtlServer;
 use crate::devices::{self, Devices};
 
 /// Time between two progress lines.
-const SAID_EVERY: Duration = Duration::from_secs(2);
+const PROGRESS_EVERY: Duration = Duration::from_secs(2);
 
 /// State that outlasts a session, and the observers.
 pub(super) struct LiveApp<'a> {
-    pub(super) conduct: &'a SessionArguments,
+    pub(super) arguments: &'a SessionArguments,
     /// Set when the program is to end.
     pub(super) quit: Arc<AtomicBool>,
-    pub(super) desk: Arc<SessionController>,
+    pub(super) controller: Arc<SessionController>,
     pub(super) policy: SchedulingPolicy,
     pub(super) reload: Reload,
-    pub(super) telling: StatusPublisher,
-    pub(super) shared: Option<Shared>,
+    pub(super) publisher: StatusPublisher,
+    pub(super) igtl: Option<IgtlServer>,
     pub(super) terminal: Option<Arc<Terminal>>,
     pub(super) viewers: Option<Arc<Viewers>>,
     pub(super) home: Home,
     pub(super) began: Instant,
-    pub(super) said: Instant,
+    /// Time of the last progress line.
+    pub(super) printed: Instant,
 }
 
 /// The opened inputs of a session.
@@ -66,7 +67,7 @@ impl LiveApp<'_> {
     /// [`Failure`] when the first cannot begin, one cannot continue, or the last one's outputs
     /// cannot be written.
     pub(super) fn run(mut self, outputs: &Outputs) -> Result<Option<PathBuf>, Failure> {
-        let SessionArguments { record, resume, .. } = self.conduct;
+        let SessionArguments { record, resume, .. } = self.arguments;
         let bedside = self.reload.bedside().clone();
         let folder = record.clone().or_else(|| bedside.record.folder.clone());
         let resumed = resume.as_ref().map(|session| resume::open(session, &bedside)).transpose()?.unwrap_or_default();
@@ -74,35 +75,36 @@ impl LiveApp<'_> {
         loop {
             let bedside = self.reload.bedside().clone();
             let Made { inputs, twins, input } = made;
-            self.telling.weaves(&bedside)?;
+            self.publisher.begin_volume(&bedside)?;
             let stages = self.stages(&bedside)?;
             // The volume is new; observers drop the slices of the previous session.
             stages.observers.iter().for_each(|observer| observer.cleared());
             let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
-            self.desk.runs(records, input);
-            let desk = Arc::clone(&self.desk);
-            let held = pipeline::live::run(&stages, inputs, &Monotonic, desk.turns(), |status| self.watch(status))?;
+            self.controller.runs(records, input);
+            let controller = Arc::clone(&self.controller);
+            let ended =
+                pipeline::live::run(&stages, inputs, &Monotonic, controller.turns(), |status| self.watch(status))?;
             drop(twins);
-            made = match self.next(&held)? {
+            made = match self.next(&ended)? {
                 Some(next) => next,
-                None => return self.leave(outputs, held),
+                None => return self.leave(outputs, ended),
             };
         }
     }
 
     /// Returns the pipeline's stages, with all observers.
     fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
-        let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
-        let mut stages = stages(bedside, looks)?;
-        if let Some(screen) = self.telling.screen() {
+        let client = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
+        let mut stages = stages(bedside, client)?;
+        if let Some(screen) = self.publisher.screen() {
             stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
             stages.observers.push(screen as Arc<dyn Observer>);
-            stages.observers.push(self.telling.slices() as Arc<dyn Observer>);
-            stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
+            stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);
+            stages.readers.push(Arc::clone(&self.controller) as Arc<dyn Reader>);
         }
-        stages.observers.extend(self.telling.coach().map(|coach| coach as Arc<dyn Observer>));
-        if let Some(shared) = &self.shared {
-            shared.joins(&mut stages);
+        stages.observers.extend(self.publisher.guidance().map(|guidance| guidance as Arc<dyn Observer>));
+        if let Some(igtl) = &self.igtl {
+            igtl.observe(&mut stages);
         }
         Ok(stages)
     }
@@ -116,7 +118,7 @@ impl LiveApp<'_> {
         resumed: Vec<Recorded>,
         goes_on_with: Option<&Path>,
     ) -> Result<Made, Failure> {
-        let quiet = self.conduct.quiet;
+        let quiet = self.arguments.quiet;
         let [tracking_is, grabber_is] = roles(bedside)?;
         let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
         let Devices { tracking, protocol, at_home, grabber, twins } = opened;
@@ -149,56 +151,59 @@ impl LiveApp<'_> {
     /// Publishes the status to observers, and returns instructions for the session. The pipeline
     /// calls this at regular intervals.
     fn watch(&mut self, status: &SessionStatus) -> Vec<Instruction> {
-        let until = self.conduct.duration.map(Duration::from_secs_f64);
+        let until = self.arguments.duration.map(Duration::from_secs_f64);
         if until.is_some_and(|until| self.began.elapsed() >= until) {
             self.quit.store(true, Ordering::Relaxed);
         }
         let quits = self.quit.load(Ordering::Relaxed);
-        self.desk.update(&status.world, quits);
-        self.telling.look(status, line, quits);
-        if let Some(shared) = &mut self.shared {
-            shared.tell(|| line(status));
+        self.controller.update(&status.world);
+        self.publisher.publish(status, line, quits);
+        if let Some(igtl) = &mut self.igtl {
+            igtl.send_status(|| line(status));
         }
         if let Some(terminal) = &self.terminal {
             terminal.say(&line(status));
-        } else if !self.conduct.quiet && self.said.elapsed() >= SAID_EVERY {
-            self.said = Instant::now();
+        } else if !self.arguments.quiet && self.printed.elapsed() >= PROGRESS_EVERY {
+            self.printed = Instant::now();
             say(&line(status));
         }
-        let mut instructions: Vec<_> = self.desk.commands().into_iter().map(Instruction::from).collect();
-        if self.reload.is_told() {
-            self.telling.reloading();
+        let mut instructions: Vec<_> = self.controller.commands().into_iter().map(Instruction::from).collect();
+        if quits {
+            instructions.push(Command::Stop.into());
+        }
+        if self.reload.is_requested() {
+            self.publisher.reloading();
             instructions.extend(self.reload.instructions(self.terminal.as_ref(), self.viewers.as_ref()));
-            self.telling.reloaded(self.reload.bedside());
+            self.publisher.reloaded(self.reload.bedside());
         }
         instructions
     }
 
     /// Serves an ended session until a page begins another one; returns the next session's
     /// inputs, if any.
-    fn next(&mut self, held: &EndedSession<'_>) -> Result<Option<Made>, Failure> {
-        let desk = Arc::clone(&self.desk);
-        if !desk.stopped() {
+    fn next(&mut self, ended: &EndedSession<'_>) -> Result<Option<Made>, Failure> {
+        let controller = Arc::clone(&self.controller);
+        if !controller.stopped() {
             return Ok(None);
         }
-        self.telling.over(held.status());
-        if let Some(recording) = held.recording() {
-            desk.happened(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
+        self.publisher.over(ended.status());
+        if let Some(recording) = ended.recording() {
+            controller.happened(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
         }
         while !self.quit.load(Ordering::Relaxed) {
-            let Some(next) = desk.opens() else {
-                desk.is_over();
-                held.serve(desk.turns(), |status| self.watch(status));
+            let Some(next) = controller.opens() else {
+                controller.is_over();
+                ended.serve(controller.turns(), |status| self.watch(status));
                 continue;
             };
             self.reload.begins_anew();
             let bedside = self.reload.bedside().clone();
-            let folder = if next.records { Some(desk.folder().map_err(Failure)?.to_owned()) } else { None };
+            let folder = if next.records { Some(controller.folder().map_err(Failure)?.to_owned()) } else { None };
             match self.open(&bedside, folder.as_deref(), Vec::new(), None) {
                 Ok(made) => return Ok(Some(made)),
                 Err(Failure(why)) => {
                     self.print(&why);
-                    desk.happened(Progress::Failed, format!("the session cannot begin: {why}"));
+                    controller.happened(Progress::Failed, format!("the session cannot begin: {why}"));
                 }
             }
         }
@@ -206,10 +211,10 @@ impl LiveApp<'_> {
     }
 
     /// Writes the requested outputs.
-    fn leave(self, outputs: &Outputs, held: EndedSession<'_>) -> Result<Option<PathBuf>, Failure> {
-        let finished = held.finish();
-        if let Some(shared) = self.shared {
-            shared.leave(self.conduct.quiet);
+    fn leave(self, outputs: &Outputs, ended: EndedSession<'_>) -> Result<Option<PathBuf>, Failure> {
+        let finished = ended.finish();
+        if let Some(igtl) = self.igtl {
+            igtl.leave(self.arguments.quiet);
         }
         if let Some(terminal) = &self.terminal {
             terminal.leave();

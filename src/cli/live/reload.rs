@@ -45,7 +45,7 @@ impl Reload {
     }
 
     /// Whether the configuration is to be read again.
-    pub(super) fn is_told(&self) -> bool {
+    pub(super) fn is_requested(&self) -> bool {
         self.told.load(Ordering::Relaxed)
     }
 
@@ -101,7 +101,7 @@ impl Reload {
         instructions.extend(settings.map(Instruction::from));
         let is_otherwise = changes.at_once.iter().any(|change| change.key.starts_with("picture."));
         if let Some(viewers) = viewers.filter(|_| is_otherwise) {
-            viewers.look(&bedside.picture);
+            viewers.set_picture(&bedside.picture);
             instructions.push(Setting::View.into());
         }
         // A replay adopts it, too, except for latencies, which are recorded as commands.

@@ -45,7 +45,7 @@ pub(in crate::cli) fn check_duration(duration: Option<f64>) -> Result<(), Failur
 ///
 /// # Errors
 /// [`Failure`] when the system refuses the handlers.
-pub(in crate::cli) fn until_told() -> Result<Arc<AtomicBool>, Failure> {
+pub(in crate::cli) fn quit_on_signal() -> Result<Arc<AtomicBool>, Failure> {
     let ends = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         // Registered before the handler that sets the flag, so that the first signal does not
@@ -63,42 +63,42 @@ pub(in crate::cli) fn until_told() -> Result<Arc<AtomicBool>, Failure> {
 /// [`Failure`] when it cannot begin, or its outputs cannot be written.
 pub(in crate::cli) fn session(
     bedside: &Bedside,
-    conduct: &SessionArguments,
+    arguments: &SessionArguments,
     outputs: &Outputs,
 ) -> Result<Option<PathBuf>, Failure> {
-    conduct.check()?;
+    arguments.check()?;
     outputs.check(bedside)?;
     bedside.calibrated().map_err(Failure::configuration)?;
-    let quit = until_told()?;
+    let quit = quit_on_signal()?;
     let reload = Reload::new(bedside)?;
     let policy = policy(bedside)?;
-    let listen = conduct.console.or(bedside.status.listen);
+    let listen = arguments.console.or(bedside.status.listen);
     let listen = listen.map(|address| Listen { address, access: bedside.status.access.clone() });
-    let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
-    let desk = Arc::new(SessionController::new(conduct.keep.as_ref().or(folder).cloned()));
-    let telling = StatusPublisher::begin(bedside, listen, conduct.kind(), &desk)?;
-    if !conduct.quiet {
+    let folder = arguments.record.as_ref().or(bedside.record.folder.as_ref());
+    let controller = Arc::new(SessionController::new(arguments.keep.as_ref().or(folder).cloned()));
+    let publisher = StatusPublisher::begin(bedside, listen, arguments.kind(), &controller)?;
+    if !arguments.quiet {
         policy.granted().why.iter().for_each(|why| say(why));
-        telling.address().iter().for_each(|address| say(&format!("console: {address}")));
+        publisher.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
-    let shared = conduct.sharing.begin(&quit, conduct.quiet)?;
-    shared.iter().for_each(|shared| shared.control(&desk));
-    let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
-    let screen = telling.screen();
+    let igtl = arguments.sharing.begin(&quit, arguments.quiet)?;
+    igtl.iter().for_each(|igtl| igtl.control(&controller));
+    let terminal = if arguments.quiet || arguments.headless { None } else { Terminal::of(&bedside.picture) };
+    let screen = publisher.screen();
     let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
-    let sitting = LiveApp {
-        conduct,
+    let app = LiveApp {
+        arguments,
         quit,
-        desk,
+        controller,
         policy,
         reload,
-        telling,
-        shared,
+        publisher,
+        igtl,
         terminal,
         viewers,
         home: Home::default(),
         began: Instant::now(),
-        said: Instant::now(),
+        printed: Instant::now(),
     };
-    sitting.run(outputs)
+    app.run(outputs)
 }

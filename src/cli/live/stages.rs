@@ -79,7 +79,7 @@ impl Kept {
 ///
 /// # Errors
 /// [`Failure`] when the image is not calibrated.
-pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn ViewClient>>) -> Result<Session, Failure> {
+pub(in crate::cli) fn stages(bedside: &Bedside, client: Option<Arc<dyn ViewClient>>) -> Result<Session, Failure> {
     bedside.calibrated().map_err(Failure::configuration)?;
     Ok(Session {
         pairing: bedside.pairing_options(),
@@ -90,7 +90,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn ViewClient
         settings: bedside.volume.settings.clone(),
         path: bedside.volume.path,
         planar: bedside.volume.planar,
-        view_client: looks,
+        view_client: client,
         observers: Vec::new(),
         watch: watch(bedside),
         readers: Vec::new(),

@@ -31,8 +31,9 @@ pub(in crate::cli) struct StatusPublisher {
     console: Option<Console>,
     screen: Option<Arc<FrameBroadcaster>>,
     slices: Arc<Slices>,
-    coach: Option<Arc<ScanGuidance>>,
-    told: Option<Instant>,
+    guidance: Option<Arc<ScanGuidance>>,
+    /// Time of the last status update for clients.
+    published: Option<Instant>,
 }
 
 impl StatusPublisher {
@@ -44,7 +45,7 @@ impl StatusPublisher {
         bedside: &Bedside,
         listen: Option<Listen>,
         kind: &'static str,
-        desk: &Arc<SessionController>,
+        controller: &Arc<SessionController>,
     ) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(basis(bedside, kind)));
         let screen = listen.as_ref().map(|_| Arc::new(FrameBroadcaster::default()));
@@ -54,7 +55,7 @@ impl StatusPublisher {
                 let session = ConsoleSession {
                     latest: Arc::clone(&latest),
                     screen: Arc::clone(screen),
-                    desk: Arc::clone(desk),
+                    desk: Arc::clone(controller),
                     slices: Arc::clone(&slices),
                 };
                 Some(Console::open(listen, session)?)
@@ -62,20 +63,20 @@ impl StatusPublisher {
             _ => None,
         };
         let service = Service::new();
-        let mut telling = Self { kind, service, latest, console, screen, slices, coach: None, told: None };
-        telling.weaves(bedside)?;
-        Ok(telling)
+        let mut publisher = Self { kind, service, latest, console, screen, slices, guidance: None, published: None };
+        publisher.begin_volume(bedside)?;
+        Ok(publisher)
     }
 
     /// Begins a volume with these settings.
     ///
     /// # Errors
     /// [`Failure`] for an invalid kernel.
-    pub(in crate::cli) fn weaves(&mut self, bedside: &Bedside) -> Result<(), Failure> {
+    pub(in crate::cli) fn begin_volume(&mut self, bedside: &Bedside) -> Result<(), Failure> {
         if let Some(screen) = &self.screen {
-            let coach = coach(bedside)?;
-            screen.follow(&coach);
-            self.coach = Some(coach);
+            let guidance = guidance(bedside)?;
+            screen.follow(&guidance);
+            self.guidance = Some(guidance);
         }
         self.slices.weave(kernels(bedside).map(|[_, _, across]| across));
         self.latest.adopt(basis(bedside, self.kind));
@@ -98,8 +99,8 @@ impl StatusPublisher {
     }
 
     /// Returns the scan guidance, if a page could show it.
-    pub(in crate::cli) fn coach(&self) -> Option<Arc<ScanGuidance>> {
-        self.coach.clone()
+    pub(in crate::cli) fn guidance(&self) -> Option<Arc<ScanGuidance>> {
+        self.guidance.clone()
     }
 
     /// Announces to the service manager that the settings are read again.
@@ -115,12 +116,12 @@ impl StatusPublisher {
 
     /// Publishes the final status.
     pub(in crate::cli) fn over(&mut self, status: &SessionStatus) {
-        self.told = Some(Instant::now());
+        self.published = Some(Instant::now());
         self.latest.tell(status, &[]);
     }
 
     /// Publishes the status while the session runs, and once when it begins to end.
-    pub(in crate::cli) fn look(&mut self, status: &SessionStatus, line: fn(&SessionStatus) -> String, ends: bool) {
+    pub(in crate::cli) fn publish(&mut self, status: &SessionStatus, line: fn(&SessionStatus) -> String, ends: bool) {
         if ends {
             self.latest.end();
             self.service.stopping();
@@ -128,11 +129,11 @@ impl StatusPublisher {
         } else {
             self.service.look(status, line);
         }
-        if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
-            self.told = Some(Instant::now());
+        if ends || self.published.is_none_or(|told| told.elapsed() >= OFTEN) {
+            self.published = Some(Instant::now());
             // Scan guidance is useless for a replay.
-            if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(coach.tell(status, Monotonic.now_ns()));
+            if let Some(guidance) = self.guidance.as_ref().filter(|_| self.kind != REPLAY) {
+                self.latest.coached(guidance.tell(status, Monotonic.now_ns()));
             }
             self.latest.tell(status, self.service.still());
         }
@@ -171,7 +172,7 @@ fn about(bedside: &Bedside, kind: &'static str) -> About {
 ///
 /// # Errors
 /// [`Failure`] for an invalid kernel.
-fn coach(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
+fn guidance(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
     let settings = &bedside.volume.settings;
     let pixel_mm = pixel_mm(&bedside.calibration).unwrap_or([settings.spacing_mm.max_element(); 2]);
     let preset = bedside.calibration.preset.as_ref();

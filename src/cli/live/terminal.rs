@@ -47,7 +47,7 @@ impl Terminal {
     }
 
     /// Changes the view settings.
-    pub(super) fn look(&self, picture: &Picture) {
+    pub(super) fn set_picture(&self, picture: &Picture) {
         picture.clone_into(&mut self.picture());
     }
 

@@ -48,9 +48,9 @@ impl Viewers {
     }
 
     /// Changes the view settings, from the next picture on.
-    pub(in crate::cli) fn look(&self, picture: &Picture) {
+    pub(in crate::cli) fn set_picture(&self, picture: &Picture) {
         if let Some(terminal) = &self.terminal {
-            terminal.look(picture);
+            terminal.set_picture(picture);
         }
         picture.clone_into(&mut self.picture());
         self.ground(picture);

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use config::bedside::Bedside;
 use drivers::replay::Pace;
+use pipeline::command::Command;
 use pipeline::live::{Differences, RecordedDecisions, SchedulingPolicy, SessionInputs, Source, ViewClient};
 use sonoweave_core::clock::Monotonic;
 
@@ -13,15 +15,15 @@ use super::series::{Gallery, Series};
 use crate::cli::igtl::Sharing;
 use crate::cli::live::outputs::{Outputs, leave, line, say};
 use crate::cli::live::resume::Chain;
-use crate::cli::live::session::until_told;
+use crate::cli::live::session::quit_on_signal;
 use crate::cli::live::stages::{Kept, stages};
 use crate::cli::{Failure, input};
 
 /// Time between two progress lines.
-const SAID_EVERY: Duration = Duration::from_secs(2);
+const PROGRESS_EVERY: Duration = Duration::from_secs(2);
 
 /// A request for a session.
-pub(super) struct Wanted<'a> {
+pub(super) struct ReplayRequest<'a> {
     pub(super) session: &'a Path,
     /// Another session configuration.
     pub(super) config: Option<&'a Path>,
@@ -35,7 +37,7 @@ pub(super) struct Wanted<'a> {
     pub(super) sharing: Sharing,
 }
 
-impl Wanted<'_> {
+impl ReplayRequest<'_> {
     /// Reads the recorded decisions of the session and of those that it resumes, and the
     /// settings of the replay.
     ///
@@ -62,9 +64,9 @@ impl Wanted<'_> {
 /// # Errors
 /// [`Failure`] when it cannot be read, its outputs cannot be written, or its result differs from
 /// the live one.
-pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
-    let Wanted { session, config, pace, all, series, outputs, sharing } = wanted;
-    let (mut chain, bedside) = wanted.open()?;
+pub(super) fn run(request: &ReplayRequest<'_>) -> Result<(), Failure> {
+    let ReplayRequest { session, config, pace, all, series, outputs, sharing } = request;
+    let (mut chain, bedside) = request.open()?;
     let (_, decisions) = chain.last();
     let (missing, dropped) = (decisions.missing(), decisions.dropped());
     if missing > 0 {
@@ -77,34 +79,34 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
             if dropped > 0 { "so that the volume is another one" } else { "of which there are none" }
         ));
     }
-    let was_sealed = decisions.digest().is_some();
+    let has_digest = decisions.digest().is_some();
     let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
-    let ends = until_told()?;
-    let mut shared = sharing.begin(&ends, false)?;
-    let (began, mut said) = (Instant::now(), Instant::now());
-    let is_looked_at = outputs.picture.is_some() || series.is_some();
-    let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
-    let looks = gallery.clone().map(|gallery| gallery as Arc<dyn ViewClient>);
-    let mut stages = stages(&bedside, looks)?;
-    if let Some(shared) = &shared {
-        shared.joins(&mut stages);
+    let quit = quit_on_signal()?;
+    let mut igtl = sharing.begin(&quit, false)?;
+    let (began, mut printed) = (Instant::now(), Instant::now());
+    let is_rendered = outputs.picture.is_some() || series.is_some();
+    let gallery = is_rendered.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
+    let client = gallery.clone().map(|gallery| gallery as Arc<dyn ViewClient>);
+    let mut stages = stages(&bedside, client)?;
+    if let Some(igtl) = &igtl {
+        igtl.observe(&mut stages);
     }
     let policy = SchedulingPolicy::default();
     let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &ends, |status| {
-        if let Some(shared) = &mut shared {
-            shared.tell(|| line(status));
+    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &AtomicBool::new(false), |status| {
+        if let Some(igtl) = &mut igtl {
+            igtl.send_status(|| line(status));
         }
-        if said.elapsed() >= SAID_EVERY {
-            said = Instant::now();
+        if printed.elapsed() >= PROGRESS_EVERY {
+            printed = Instant::now();
             say(&line(status));
         }
-        Vec::new()
+        if quit.load(Ordering::Relaxed) { vec![Command::Stop.into()] } else { Vec::new() }
     })?;
     let finished = ended.finish();
-    if let Some(shared) = shared {
-        shared.leave(false);
+    if let Some(igtl) = igtl {
+        igtl.leave(false);
     }
     if let (Some(gallery), Some(Series { folder, .. })) = (gallery, series) {
         say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
@@ -112,7 +114,7 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let differences = finished.decisions.as_ref().filter(|_| config.is_none()).map(RecordedDecisions::differences);
     leave(&bedside, outputs, &finished, began.elapsed(), Some(session), differences.as_ref())?;
     match differences {
-        Some(Differences { count: 0, .. }) if !all && was_sealed => {
+        Some(Differences { count: 0, .. }) if !all && has_digest => {
             say("the volume is the same as in the live session, bit by bit");
             Ok(())
         }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use config::bedside::Bedside;
 use console::Listen;
+use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, Replayed, SessionController, ViewedFrame};
 use pipeline::live::{
     Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session, SessionInputs,
@@ -18,64 +19,65 @@ use pipeline::{CapturedFrame, Observer};
 use sonoweave_core::clock::Monotonic;
 
 use super::reel::{Reel, Still};
-use super::session::Wanted;
+use super::session::ReplayRequest;
 use crate::cli::Failure;
-use crate::cli::igtl::Shared;
+use crate::cli::igtl::IgtlServer;
 use crate::cli::live::outputs::{leave, line, name_of, say};
 use crate::cli::live::resume::Chain;
-use crate::cli::live::session::until_told;
+use crate::cli::live::session::quit_on_signal;
 use crate::cli::live::stages::stages;
 use crate::cli::live::status_publisher::{REPLAY, StatusPublisher};
 use crate::cli::live::viewers::Viewers;
 
 /// Time between two progress lines.
-const SAID_EVERY: Duration = Duration::from_secs(2);
+const PROGRESS_EVERY: Duration = Duration::from_secs(2);
 
 /// Passes the recording's images to pages; their capture times are in the past.
 struct Pages(Arc<console::FrameBroadcaster>);
 
 impl Observer for Pages {
-    fn captured(&self, glimpsed: &CapturedFrame<'_>) {
-        self.0.recorded(glimpsed.item, glimpsed.image);
+    fn captured(&self, frame: &CapturedFrame<'_>) {
+        self.0.recorded(frame.item, frame.image);
     }
 }
 
 /// A served recorded session.
 struct Showing<'a> {
-    wanted: &'a Wanted<'a>,
+    request: &'a ReplayRequest<'a>,
     quit: Arc<AtomicBool>,
-    desk: Arc<SessionController>,
-    telling: StatusPublisher,
+    controller: Arc<SessionController>,
+    publisher: StatusPublisher,
     viewers: Option<Arc<Viewers>>,
-    shared: Option<Shared>,
+    igtl: Option<IgtlServer>,
     reel: Reel,
-    said: Instant,
+    /// Time of the last progress line.
+    printed: Instant,
 }
 
 /// Serves the session until Ctrl-C or SIGTERM, then writes the outputs of the last replay.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read or served, or its outputs cannot be written.
-pub(super) fn run(wanted: &Wanted<'_>, address: SocketAddr, keep: Option<&Path>) -> Result<(), Failure> {
-    if wanted.series.is_some() {
+pub(super) fn run(request: &ReplayRequest<'_>, address: SocketAddr, keep: Option<&Path>) -> Result<(), Failure> {
+    if request.series.is_some() {
         return Err(Failure("--pictures: cannot be combined with --console; leave one of them out".into()));
     }
-    let (_, bedside) = wanted.open()?;
+    let (_, bedside) = request.open()?;
     bedside.calibrated().map_err(Failure::configuration)?;
-    let reel = Reel::open(wanted.session)?;
-    let beside = match wanted.session.parent() {
+    let reel = Reel::open(request.session)?;
+    let beside = match request.session.parent() {
         Some(folder) if folder != Path::new("") => folder.to_owned(),
         _ => PathBuf::from("."),
     };
     let replayed = Replayed::new(bedside.clone(), beside, reel.count() as u64);
-    let desk = Arc::new(SessionController::of_recording(keep.map(Path::to_owned), replayed));
-    let quit = until_told()?;
+    let controller = Arc::new(SessionController::of_recording(keep.map(Path::to_owned), replayed));
+    let quit = quit_on_signal()?;
     let listen = Listen { address, access: bedside.status.access.clone() };
-    let telling = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &desk)?;
-    telling.address().iter().for_each(|address| say(&format!("console: {address}")));
-    let shared = wanted.sharing.begin(&quit, false)?;
-    let viewers = Viewers::of(&bedside.picture, None, wanted.outputs.picture.is_some(), telling.screen().as_ref());
-    Showing { wanted, quit, desk, telling, viewers, shared, reel, said: Instant::now() }.run()
+    let publisher = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &controller)?;
+    publisher.address().iter().for_each(|address| say(&format!("console: {address}")));
+    let igtl = request.sharing.begin(&quit, false)?;
+    let viewers = Viewers::of(&bedside.picture, None, request.outputs.picture.is_some(), publisher.screen().as_ref());
+    Showing { request, quit, controller, publisher, viewers, igtl, reel, printed: Instant::now() }.run()
 }
 
 impl Showing<'_> {
@@ -83,21 +85,21 @@ impl Showing<'_> {
         let (mut bedside, mut is_tried) = self.begins();
         loop {
             let began = Instant::now();
-            self.telling.weaves(&bedside)?;
+            self.publisher.begin_volume(&bedside)?;
             if let Some(viewers) = &self.viewers {
-                viewers.look(&bedside.picture);
+                viewers.set_picture(&bedside.picture);
             }
             let stages = self.stages(&bedside)?;
             stages.observers.iter().for_each(|observer| observer.cleared());
-            if let Some(screen) = self.telling.screen() {
+            if let Some(screen) = self.publisher.screen() {
                 screen.point_out(None);
             }
-            self.desk.runs(false, name_of(self.wanted.session));
-            let held = match self.weave(&stages, &bedside, is_tried) {
+            self.controller.runs(false, name_of(self.request.session));
+            let ended = match self.replay(&stages, &bedside, is_tried) {
                 Ok(inserted) => inserted,
                 Err(Failure(why)) if is_tried => {
                     say(&why);
-                    self.desk.happened(
+                    self.controller.happened(
                         Progress::Failed,
                         format!("these settings cannot be used: {why}; the replay uses the recorded settings"),
                     );
@@ -106,95 +108,98 @@ impl Showing<'_> {
                 }
                 Err(failure) => return Err(failure),
             };
-            let differences = held
+            let differences = ended
                 .decisions()
-                .filter(|_| self.wanted.config.is_none() && !is_tried)
+                .filter(|_| self.request.config.is_none() && !is_tried)
                 .map(RecordedDecisions::differences);
             // An aborted replay has no result to report.
-            if !self.desk.stopped() && !self.quit.load(Ordering::Relaxed) {
-                self.tell(&held, differences.as_ref());
+            if !self.controller.stopped() && !self.quit.load(Ordering::Relaxed) {
+                self.report(&ended, differences.as_ref());
             }
-            self.telling.over(held.status());
-            if !self.look(&held) {
-                let finished = held.finish();
-                if let Some(shared) = self.shared {
-                    shared.leave(false);
+            self.publisher.over(ended.status());
+            if !self.serve(&ended) {
+                let finished = ended.finish();
+                if let Some(igtl) = self.igtl {
+                    igtl.leave(false);
                 }
                 return leave(
                     &bedside,
-                    &self.wanted.outputs,
+                    &self.request.outputs,
                     &finished,
                     began.elapsed(),
-                    Some(self.wanted.session),
+                    Some(self.request.session),
                     differences.as_ref(),
                 );
             }
-            drop(held);
+            drop(ended);
             (bedside, is_tried) = self.begins();
         }
     }
 
     /// Returns the settings of the next replay, and whether they are an override.
     fn begins(&self) -> (Bedside, bool) {
-        self.desk.replayed().map(Replayed::begins).unwrap_or_else(|| unreachable!("it is a recording's desk"))
+        self.controller
+            .replayed()
+            .map(Replayed::begins)
+            .unwrap_or_else(|| unreachable!("the controller has a recording"))
     }
 
     fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
-        let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
-        let mut stages = stages(bedside, looks)?;
-        if let Some(screen) = self.telling.screen() {
+        let client = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
+        let mut stages = stages(bedside, client)?;
+        if let Some(screen) = self.publisher.screen() {
             stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
             stages.observers.push(Arc::new(Pages(screen)));
         }
-        stages.observers.push(self.telling.slices() as Arc<dyn Observer>);
-        stages.observers.extend(self.telling.coach().map(|coach| coach as Arc<dyn Observer>));
-        stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
-        if let Some(shared) = &self.shared {
-            shared.joins(&mut stages);
+        stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);
+        stages.observers.extend(self.publisher.guidance().map(|guidance| guidance as Arc<dyn Observer>));
+        stages.readers.push(Arc::clone(&self.controller) as Arc<dyn Reader>);
+        if let Some(igtl) = &self.igtl {
+            igtl.observe(&mut stages);
         }
         Ok(stages)
     }
 
     /// Runs the replay until its end, or until a signal or a command stops it.
-    fn weave<'s>(
+    fn replay<'s>(
         &mut self,
         stages: &'s Session,
         bedside: &Bedside,
         is_tried: bool,
     ) -> Result<EndedSession<'s>, Failure> {
-        let Wanted { session, config, pace, all, .. } = self.wanted;
+        let ReplayRequest { session, config, pace, all, .. } = self.request;
         let mut chain = Chain::read(session)?;
         if *all {
             chain.last().1.use_all();
         }
         let mut recorded = chain.recorded((config.is_some() || is_tried).then_some(bedside), *pace)?;
         let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
-        let desk = Arc::clone(&self.desk);
+        let controller = Arc::clone(&self.controller);
         let policy = SchedulingPolicy::default();
         let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-        Ok(pipeline::live::run(stages, inputs, &Monotonic, desk.turns(), |status| {
-            if self.said.elapsed() >= SAID_EVERY {
-                self.said = Instant::now();
+        Ok(pipeline::live::run(stages, inputs, &Monotonic, controller.turns(), |status| {
+            if self.printed.elapsed() >= PROGRESS_EVERY {
+                self.printed = Instant::now();
                 say(&line(status));
             }
-            self.watch(status);
-            Vec::new()
+            self.watch(status)
         })?)
     }
 
     /// Publishes the status to observers. The pipeline calls this at regular intervals.
-    fn watch(&mut self, status: &SessionStatus) {
+    fn watch(&mut self, status: &SessionStatus) -> Vec<Instruction> {
         let quits = self.quit.load(Ordering::Relaxed);
-        self.desk.update(&status.world, quits);
-        self.telling.look(status, line, quits);
-        if let Some(shared) = &mut self.shared {
-            shared.tell(|| line(status));
+        self.controller.update(&status.world);
+        self.publisher.publish(status, line, quits);
+        if let Some(igtl) = &mut self.igtl {
+            igtl.send_status(|| line(status));
         }
+        if quits { vec![Command::Stop.into()] } else { Vec::new() }
     }
 
     /// Reports the result of a complete replay.
-    fn tell(&self, held: &EndedSession<'_>, differences: Option<&Differences>) {
-        let slices = held.status().ledger.frames.used;
+    fn report(&self, ended: &EndedSession<'_>, differences: Option<&Differences>) {
+        let slices = ended.status().ledger.frames.used;
         let (how, says) = match differences {
             None => (Progress::Done, format!("the replay with other settings has ended: {slices} slices")),
             Some(Differences { count: 0, .. }) => (
@@ -210,25 +215,25 @@ impl Showing<'_> {
             ),
         };
         say(&says);
-        self.desk.happened(how, says);
+        self.controller.happened(how, says);
     }
 
     /// Serves the result until another replay is requested. Returns whether one is.
-    fn look(&mut self, held: &EndedSession<'_>) -> bool {
-        let desk = Arc::clone(&self.desk);
+    fn serve(&mut self, ended: &EndedSession<'_>) -> bool {
+        let controller = Arc::clone(&self.controller);
         while !self.quit.load(Ordering::Relaxed) {
-            if desk.opens().is_some() {
+            if controller.opens().is_some() {
                 return true;
             }
-            desk.is_over();
-            held.serve(desk.turns(), |status| {
-                self.watch(status);
-                if let Some(place) = desk.replayed().and_then(Replayed::wanted)
+            controller.is_over();
+            ended.serve(controller.turns(), |status| {
+                let instructions = self.watch(status);
+                if let Some(place) = controller.replayed().and_then(Replayed::wanted)
                     && let Err(why) = self.show(place)
                 {
-                    desk.happened(Progress::Failed, format!("frame {}: {why}", place + 1));
+                    controller.happened(Progress::Failed, format!("frame {}: {why}", place + 1));
                 }
-                Vec::new()
+                instructions
             });
         }
         false
@@ -237,13 +242,13 @@ impl Showing<'_> {
     /// Shows a frame, by its place among all, and its position.
     fn show(&mut self, place: usize) -> Result<(), String> {
         let Still { item, time_s, image } = self.reel.still(place)?;
-        let corners = self.telling.slices().corners(item);
-        if let Some(screen) = self.telling.screen() {
+        let corners = self.publisher.slices().corners(item);
+        if let Some(screen) = self.publisher.screen() {
             screen.recorded(item, &image);
             screen.point_out(corners);
         }
         let seen = ViewedFrame { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
-        if let Some(replayed) = self.desk.replayed() {
+        if let Some(replayed) = self.controller.replayed() {
             replayed.sees(seen);
         }
         Ok(())

@@ -360,11 +360,7 @@ impl SessionController {
     }
 
     /// Called regularly while the session runs. `world` names the volume's coordinate system.
-    /// If the program `quits`, the session is to end.
-    pub fn update(&self, world: &str, quits: bool) {
-        if quits {
-            self.turn.store(true, Ordering::Relaxed);
-        }
+    pub fn update(&self, world: &str) {
         if self.turn.load(Ordering::Relaxed) {
             self.ends();
         }

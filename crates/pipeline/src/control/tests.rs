@@ -102,7 +102,7 @@ fn snapshot() -> Snapshot {
 fn save_uses_free_names_and_separates_black_from_unseen() {
     let place = tempfile::tempdir().unwrap();
     let desk = running(Some(place.path().join("kept")), false);
-    desk.update("Tracker", false);
+    desk.update("Tracker");
     assert_eq!(desk.wants(), Wants::Nothing);
     for number in 1..=2 {
         assert!(desk.execute(Command::Save).is_ok());

@@ -54,7 +54,7 @@ impl EndedSession<'_> {
     }
 
     /// Shows the volume until `ends` is set. `watch` is called repeatedly; of the instructions
-    /// that it returns, only changed view settings still have an effect.
+    /// that it returns, only a stop and changed view settings still have an effect.
     pub fn serve(&self, ends: &AtomicBool, mut watch: impl FnMut(&SessionStatus) -> Vec<Instruction>) {
         let (shared, clock) = (&self.volume, &Monotonic);
         shared.resume();
@@ -75,11 +75,14 @@ impl EndedSession<'_> {
             }
             while !ends.load(Ordering::Relaxed) {
                 std::thread::sleep(TURN);
-                let instructions = watch(&self.status);
-                if let Some(view) = &self.view
-                    && instructions.contains(&Instruction::Command(Command::Set(Setting::View)))
-                {
-                    view.changed();
+                for instruction in watch(&self.status) {
+                    match instruction {
+                        Instruction::Command(Command::Stop) => ends.store(true, Ordering::Relaxed),
+                        Instruction::Command(Command::Set(Setting::View)) => {
+                            self.view.iter().for_each(SharedViewClient::changed);
+                        }
+                        _ => {}
+                    }
                 }
             }
             shared.end();
