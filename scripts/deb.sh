@@ -26,15 +26,12 @@ program_version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"$/\
     exit 1
 }
 
-cargo build --release --locked -p sonoweave -p sonoweave-packaging
+built=$(SONOWEAVE_RELEASE=${SONOWEAVE_RELEASE:--p sonoweave -p sonoweave-packaging} scripts/build.sh)
 mkdir -p "$folder"
 place=$(mktemp -d "$folder/making.XXXXXX")
 trap 'rm -rf "$place"' EXIT
 stage=$place/stage
-# Cargo knows where it built to.
-cargo run --release --locked --quiet -p sonoweave-packaging -- "$place/made" "$machine"
-built=$(cargo build --release --locked --quiet -p sonoweave --message-format=json |
-    sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
+"${built%/*}/sonoweave-packaging" "$place/made" "$machine"
 
 put() { install -D -m "${3:-644}" "$1" "$stage/$2"; }
 # Compresses without name and time, which would differ from build to build.
