@@ -16,13 +16,13 @@ use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-use pipeline::live::{Movement, SessionStatus};
+use pipeline::live::{SessionStatus, StallDetector};
 
 /// Interval of the progress checks, unless the watchdog requires shorter ones. A turn takes a
 /// fraction of a second, or a few seconds while a device is opened.
-const LOOK: Duration = Duration::from_secs(5);
+const CHECK: Duration = Duration::from_secs(5);
 /// Shortest interval of the progress checks.
-const LEAST_LOOK: Duration = Duration::from_millis(500);
+const SHORTEST_CHECK: Duration = Duration::from_millis(500);
 /// Interval of status lines.
 const STATUS: Duration = Duration::from_secs(2);
 /// Longest time for which a device that cannot be opened delays `READY=1`.
@@ -34,13 +34,13 @@ pub struct Service {
     began: Instant,
     ready: bool,
     stopping: bool,
-    said: String,
-    said_at: Option<Instant>,
-    movement: Movement,
-    look_every: Duration,
-    looked_at: Option<Instant>,
+    status_line: String,
+    status_at: Option<Instant>,
+    detector: StallDetector,
+    check_every: Duration,
+    checked_at: Option<Instant>,
     watched: bool,
-    still: Vec<String>,
+    stalled: Vec<String>,
     refused: bool,
 }
 
@@ -52,85 +52,85 @@ impl Service {
             began: Instant::now(),
             ready: false,
             stopping: false,
-            said: String::new(),
-            said_at: None,
-            movement: Movement::default(),
-            look_every: watchdog.map_or(LOOK, |within| (within / 3).max(LEAST_LOOK)),
-            looked_at: None,
+            status_line: String::new(),
+            status_at: None,
+            detector: StallDetector::default(),
+            check_every: watchdog.map_or(CHECK, |within| (within / 3).max(SHORTEST_CHECK)),
+            checked_at: None,
             watched: watchdog.is_some(),
-            still: Vec::new(),
+            stalled: Vec::new(),
             refused: false,
         }
     }
 
     /// Checks the session, and sends the notifications that are due; `line` formats its status
     /// line. Call it several times a second.
-    pub fn look(&mut self, account: &SessionStatus, line: impl FnOnce(&SessionStatus) -> String) {
+    pub fn update(&mut self, status: &SessionStatus, line: impl FnOnce(&SessionStatus) -> String) {
         let now = Instant::now();
-        if !self.ready && (started(account) || now.duration_since(self.began) >= PATIENCE) {
+        if !self.ready && (started(status) || now.duration_since(self.began) >= PATIENCE) {
             self.ready = true;
-            self.tell(&[NotifyState::Ready]);
+            self.notify(&[NotifyState::Ready]);
         }
         if !self.ready {
             self.status("opens its devices");
-        } else if self.said_at.is_none_or(|at| now.duration_since(at) >= STATUS) {
-            self.said_at = Some(now);
-            self.status(&line(account));
+        } else if self.status_at.is_none_or(|at| now.duration_since(at) >= STATUS) {
+            self.status_at = Some(now);
+            self.status(&line(status));
         }
-        if self.looked_at.is_none_or(|at| now.duration_since(at) >= self.look_every) {
-            self.looked_at = Some(now);
-            let still = self.movement.still(&account.stages);
-            if !still.is_empty() && still != self.still {
-                tracing::error!("stands still: {}", still.join(", "));
+        if self.checked_at.is_none_or(|at| now.duration_since(at) >= self.check_every) {
+            self.checked_at = Some(now);
+            let stalled = self.detector.stalled(&status.stages);
+            if !stalled.is_empty() && stalled != self.stalled {
+                tracing::error!("stands still: {}", stalled.join(", "));
             }
-            self.still = still;
-            if self.watched && self.still.is_empty() {
-                self.tell(&[NotifyState::Watchdog]);
+            self.stalled = stalled;
+            if self.watched && self.stalled.is_empty() {
+                self.notify(&[NotifyState::Watchdog]);
             }
         }
     }
 
     /// Returns the stages that were blocked between the last two checks.
-    pub fn still(&self) -> &[String] {
-        &self.still
+    pub fn stalled(&self) -> &[String] {
+        &self.stalled
     }
 
     /// Sends a status line, if it has changed.
     pub fn status(&mut self, line: &str) {
         // A line break would begin another assignment.
         let line = line.replace(['\n', '\r'], "; ");
-        if line != self.said {
-            self.tell(&[NotifyState::Status(&line)]);
-            self.said = line;
+        if line != self.status_line {
+            self.notify(&[NotifyState::Status(&line)]);
+            self.status_line = line;
         }
     }
 
     /// Reports that the settings are being read again; [`Self::reloaded`] follows.
     pub fn reloading(&mut self) {
         match NotifyState::monotonic_usec_now() {
-            Ok(at) => self.tell(&[NotifyState::Reloading, at]),
-            Err(error) => tracing::warn!("the service manager is not told of the new settings: {error}"),
+            Ok(at) => self.notify(&[NotifyState::Reloading, at]),
+            Err(error) => tracing::warn!("the service manager did not receive the new settings: {error}"),
         }
     }
 
     /// Reports that the settings have been read, or refused; the session continues.
     pub fn reloaded(&mut self) {
-        self.tell(&[NotifyState::Ready]);
+        self.notify(&[NotifyState::Ready]);
     }
 
     /// Reports that the session ends; its results are written next.
     pub fn stopping(&mut self) {
         if !std::mem::replace(&mut self.stopping, true) {
-            self.tell(&[NotifyState::Stopping]);
+            self.notify(&[NotifyState::Stopping]);
         }
     }
 
-    fn tell(&mut self, states: &[NotifyState<'_>]) {
+    fn notify(&mut self, states: &[NotifyState<'_>]) {
         // A failure is logged once: the session does not depend on systemd.
         if let Err(error) = sd_notify::notify(states)
             && !std::mem::replace(&mut self.refused, true)
         {
-            tracing::warn!("the service manager is not told: {error}; is NOTIFY_SOCKET right?");
+            tracing::warn!("the service manager cannot be notified: {error}; is NOTIFY_SOCKET right?");
         }
     }
 }
@@ -141,11 +141,11 @@ impl Default for Service {
     }
 }
 
-/// Returns whether every device has been tried, that is, none is still being opened for the
+/// Returns whether every device has been tried, that is, none is stalled being opened for the
 /// first time.
-fn started(account: &SessionStatus) -> bool {
+fn started(status: &SessionStatus) -> bool {
     let tried = |state: &str, set_up: u64| state == "running" || state == "ended" || state == "silent" || set_up > 0;
-    account.devices.iter().all(|device| tried(device.state, device.set_up) || !device.why.is_empty())
+    status.devices.iter().all(|device| tried(device.state, device.set_up) || !device.why.is_empty())
 }
 
 #[cfg(test)]

@@ -83,7 +83,7 @@ impl Arguments {
             Some(path) => {
                 input::check_output(path)?;
                 let begun = trace::begin(path).map_err(|e| Failure(format!("--trace {}: {e}", path.display())))?;
-                (Some(begun.0.with_filter(FilterFn::new(trace::wanted))), Some(begun.1))
+                (Some(begun.0.with_filter(FilterFn::new(trace::is_recorded))), Some(begun.1))
             }
             None => (None, None),
         };

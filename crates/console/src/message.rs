@@ -208,7 +208,7 @@ impl ClientMessage {
             Self::View(ViewMessage::Steer(steer)) => screen.steer(steer).map(|()| None),
             Self::View(ViewMessage::Move(planes)) => screen.move_planes(planes).map(|()| None),
             Self::View(ViewMessage::Style(choice)) => screen.choose(choice).map(|()| None),
-            Self::View(ViewMessage::Frame(number)) => desk.look(number).map(|()| None),
+            Self::View(ViewMessage::Frame(number)) => desk.show_frame(number).map(|()| None),
             Self::View(ViewMessage::Snapshot) => snapshot::keep(served).map(Some),
             Self::Page(_) => Err(ONLY_PAGES.into()),
         }

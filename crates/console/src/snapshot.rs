@@ -43,8 +43,8 @@ pub(super) fn keep(served: &Served) -> Result<String, String> {
     let write = move || {
         let busy = busy;
         match write(&folder, &shots) {
-            Ok(first) => desk.happened(Progress::Done, format!("the pictures are saved: {}", first.display())),
-            Err(why) => desk.happened(Progress::Failed, format!("the pictures are not saved: {why}")),
+            Ok(first) => desk.report(Progress::Done, format!("the pictures are saved: {}", first.display())),
+            Err(why) => desk.report(Progress::Failed, format!("the pictures are not saved: {why}")),
         }
         drop(busy);
     };

@@ -178,7 +178,7 @@ impl fmt::Debug for TraceLayer {
 }
 
 /// Returns whether an item goes to the file: stage spans, warnings and errors.
-pub fn wanted(of: &Metadata<'_>) -> bool {
+pub fn is_recorded(of: &Metadata<'_>) -> bool {
     if of.is_span() { of.target() == STAGE && *of.level() <= LEVEL } else { *of.level() <= Level::WARN }
 }
 
@@ -276,7 +276,7 @@ mod tests {
 
     fn into(path: &Path) -> (impl Subscriber + Send + Sync + use<>, TraceFile) {
         let (layer, file) = begin(path).unwrap();
-        (registry().with(layer.with_filter(FilterFn::new(wanted))), file)
+        (registry().with(layer.with_filter(FilterFn::new(is_recorded))), file)
     }
 
     fn events(path: &Path) -> Vec<Value> {

@@ -188,7 +188,7 @@ impl LiveApp<'_> {
         }
         self.publisher.over(ended.status());
         if let Some(recording) = ended.recording() {
-            controller.happened(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
+            controller.report(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
         }
         while !self.quit.load(Ordering::Relaxed) {
             let Some(next) = controller.opens() else {
@@ -203,7 +203,7 @@ impl LiveApp<'_> {
                 Ok(made) => return Ok(Some(made)),
                 Err(Failure(why)) => {
                     self.print(&why);
-                    controller.happened(Progress::Failed, format!("the session cannot begin: {why}"));
+                    controller.report(Progress::Failed, format!("the session cannot begin: {why}"));
                 }
             }
         }

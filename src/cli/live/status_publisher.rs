@@ -127,7 +127,7 @@ impl StatusPublisher {
             self.service.stopping();
             self.service.status(&format!("ends: {}", line(status)));
         } else {
-            self.service.look(status, line);
+            self.service.update(status, line);
         }
         if ends || self.published.is_none_or(|told| told.elapsed() >= OFTEN) {
             self.published = Some(Instant::now());
@@ -135,7 +135,7 @@ impl StatusPublisher {
             if let Some(guidance) = self.guidance.as_ref().filter(|_| self.kind != REPLAY) {
                 self.latest.coached(guidance.tell(status, Monotonic.now_ns()));
             }
-            self.latest.tell(status, self.service.still());
+            self.latest.tell(status, self.service.stalled());
         }
     }
 }

@@ -99,7 +99,7 @@ impl Showing<'_> {
                 Ok(inserted) => inserted,
                 Err(Failure(why)) if is_tried => {
                     say(&why);
-                    self.controller.happened(
+                    self.controller.report(
                         Progress::Failed,
                         format!("these settings cannot be used: {why}; the replay uses the recorded settings"),
                     );
@@ -215,7 +215,7 @@ impl Showing<'_> {
             ),
         };
         say(&says);
-        self.controller.happened(how, says);
+        self.controller.report(how, says);
     }
 
     /// Serves the result until another replay is requested. Returns whether one is.
@@ -228,10 +228,10 @@ impl Showing<'_> {
             controller.is_over();
             ended.serve(controller.turns(), |status| {
                 let instructions = self.watch(status);
-                if let Some(place) = controller.replayed().and_then(Replayed::wanted)
+                if let Some(place) = controller.replayed().and_then(Replayed::requested)
                     && let Err(why) = self.show(place)
                 {
-                    controller.happened(Progress::Failed, format!("frame {}: {why}", place + 1));
+                    controller.report(Progress::Failed, format!("frame {}: {why}", place + 1));
                 }
                 instructions
             });
@@ -249,7 +249,7 @@ impl Showing<'_> {
         }
         let seen = ViewedFrame { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
         if let Some(replayed) = self.controller.replayed() {
-            replayed.sees(seen);
+            replayed.set_viewed(seen);
         }
         Ok(())
     }

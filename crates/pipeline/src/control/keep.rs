@@ -23,19 +23,19 @@ pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> R
         ("SonoweaveFrame".to_owned(), format!("{world} (mm, not anatomical)")),
         ("SonoweaveInput".to_owned(), input.to_owned()),
         ("SonoweaveFrames".to_owned(), format!("{slices} so far")),
-        // Only the weights tell whether a value of 0 is unseen.
+        // Only the weights show whether a value of 0 is unseen.
         (UNSEEN_FIELD.to_owned(), "0".to_owned()),
         (RANGE_FIELD.to_owned(), grey_levels.map(|level| level.to_string()).join(" ")),
     ];
     let [path, beside] = free(folder)?;
-    let said = |error: export::ExportError| error.to_string();
+    let text = |error: export::ExportError| error.to_string();
     if let Some(weights) = weights {
-        write_taken(space, Scalar::F32, weights, &beside, &fields).map_err(said)?;
+        write_taken(space, Scalar::F32, weights, &beside, &fields).map_err(text)?;
     }
     write_taken(space, *scalar, bytes, &path, &fields).map_err(|error| {
         // Weights without a volume are useless.
         let _ = std::fs::remove_file(&beside);
-        said(error)
+        text(error)
     })?;
     Ok(path)
 }

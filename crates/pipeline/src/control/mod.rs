@@ -83,7 +83,8 @@ pub struct Event {
     /// Its outcome.
     pub how: Progress,
     /// A sentence.
-    pub says: String,
+    #[serde(rename = "says")]
+    pub text: String,
 }
 
 /// Status of the session controller.
@@ -128,7 +129,7 @@ struct State {
     input: String,
     world: String,
     events: VecDeque<Event>,
-    happened: u64,
+    events_reported: u64,
 }
 
 impl State {
@@ -270,7 +271,7 @@ impl SessionController {
         if matches!(state.phase, Phase::Opening | Phase::Ending) {
             return Err("the recording is being opened, or its replay is ending; wait a moment".into());
         }
-        let says = if trial.is_empty() {
+        let text = if trial.is_empty() {
             "the replay begins with the recorded settings"
         } else {
             "the replay begins with \
@@ -279,19 +280,19 @@ impl SessionController {
         replayed.prepare(trial)?;
         (state.next, state.stopped) = (Some(Next { records: false }), true);
         self.turn.store(true, Ordering::Relaxed);
-        Ok(says.into())
+        Ok(text.into())
     }
 
     /// Shows a frame of a recorded session, by its position among all, from 1.
     ///
     /// # Errors
     /// A sentence; nothing has changed.
-    pub fn look(&self, number: u64) -> Result<(), String> {
+    pub fn show_frame(&self, number: u64) -> Result<(), String> {
         let Some(replayed) = &self.replayed else { return Err(NO_RECORDING.into()) };
         if self.state().phase != Phase::Over {
             return Err("the replay is running; single frames can be shown after its end, or after a stop".into());
         }
-        replayed.want(number)
+        replayed.request(number)
     }
 
     /// Returns the controller's status.
@@ -309,10 +310,10 @@ impl SessionController {
     }
 
     /// Reports an event to viewers.
-    pub fn happened(&self, how: Progress, says: impl Into<String>) {
+    pub fn report(&self, how: Progress, text: impl Into<String>) {
         let mut state = self.state();
-        state.happened += 1;
-        let event = Event { number: state.happened, how, says: says.into() };
+        state.events_reported += 1;
+        let event = Event { number: state.events_reported, how, text: text.into() };
         state.events.push_back(event);
         if state.events.len() > EVENTS {
             state.events.pop_front();
@@ -397,8 +398,8 @@ impl Reader for SessionController {
         let kept = self.folder().and_then(|folder| keep::volume(folder, &input, &world, &volume?));
         self.state().saving = None;
         match kept {
-            Ok(path) => self.happened(Progress::Done, format!("the volume is saved: {}", path.display())),
-            Err(why) => self.happened(Progress::Failed, format!("the volume is not saved: {why}")),
+            Ok(path) => self.report(Progress::Done, format!("the volume is saved: {}", path.display())),
+            Err(why) => self.report(Progress::Failed, format!("the volume is not saved: {why}")),
         }
     }
 

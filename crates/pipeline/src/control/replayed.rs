@@ -21,10 +21,10 @@ pub struct Replayed {
 #[derive(Debug, Default)]
 struct State {
     /// Settings override of the run being viewed.
-    tried: SettingsOverride,
+    settings: SettingsOverride,
     /// The next settings override, and the resulting configuration.
     next: Option<(SettingsOverride, Bedside)>,
-    wanted: Option<u64>,
+    requested: Option<u64>,
     seen: Option<ViewedFrame>,
 }
 
@@ -49,7 +49,8 @@ pub struct ReplayStatus {
     /// The frame being viewed.
     pub seen: Option<ViewedFrame>,
     /// Settings that override the recorded ones.
-    pub tried: SettingsOverride,
+    #[serde(rename = "tried")]
+    pub settings: SettingsOverride,
 }
 
 impl Replayed {
@@ -70,7 +71,7 @@ impl Replayed {
     /// Returns the status.
     pub fn status(&self) -> ReplayStatus {
         let state = self.state();
-        ReplayStatus { frames: self.frames, seen: state.seen, tried: state.tried.clone() }
+        ReplayStatus { frames: self.frames, seen: state.seen, settings: state.settings.clone() }
     }
 
     /// Prepares a replay with other settings; an empty `trial` means the recorded ones.
@@ -91,7 +92,7 @@ impl Replayed {
         let mut state = self.state();
         let (trial, bedside) = state.next.take().unwrap_or_else(|| (SettingsOverride::new(), self.bedside.clone()));
         let is_tried = !trial.is_empty();
-        (state.tried, state.seen, state.wanted) = (trial, None, None);
+        (state.settings, state.seen, state.requested) = (trial, None, None);
         (bedside, is_tried)
     }
 
@@ -99,21 +100,21 @@ impl Replayed {
     ///
     /// # Errors
     /// A sentence if there is no such frame.
-    pub(super) fn want(&self, number: u64) -> Result<(), String> {
+    pub(super) fn request(&self, number: u64) -> Result<(), String> {
         if !(1..=self.frames).contains(&number) {
             return Err(format!("there is no frame {number}; the recording has 1 to {}", self.frames));
         }
-        self.state().wanted = Some(number);
+        self.state().requested = Some(number);
         Ok(())
     }
 
     /// Returns the requested frame, its position from 0, once per request.
-    pub fn wanted(&self) -> Option<usize> {
-        self.state().wanted.take().and_then(|number| usize::try_from(number - 1).ok())
+    pub fn requested(&self) -> Option<usize> {
+        self.state().requested.take().and_then(|number| usize::try_from(number - 1).ok())
     }
 
     /// Records that a frame is shown.
-    pub fn sees(&self, seen: ViewedFrame) {
+    pub fn set_viewed(&self, seen: ViewedFrame) {
         self.state().seen = Some(seen);
     }
 }

@@ -13,10 +13,10 @@ use sonoweave_core::{Device, Next, Reading};
 use super::common::Common;
 use super::device::{DeviceRole, SessionDevice};
 use super::priority::{Role, SchedulingPolicy};
-use super::pulse::Stage;
 use super::sequencer::EventSequencer;
 use super::status::StatusCollector;
 use super::threads::{joined, spawn};
+use super::turns::Stage;
 use crate::trace::STAGE;
 
 /// Longest wait for a device before its health is checked again, ns.
@@ -35,7 +35,7 @@ pub(super) fn run(
 ) -> Result<(), sonoweave_core::Error> {
     let Common { clock, status, .. } = common;
     let mut set_up = u64::MAX;
-    let turns = status.pulse.of(Stage::Capture(source));
+    let turns = status.turns.begin(Stage::Capture(source));
     device.start()?;
     while !ends.load(Ordering::Relaxed) {
         turns.turn();

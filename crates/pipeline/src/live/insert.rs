@@ -11,8 +11,8 @@ use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
 use super::common::Common;
-use super::pulse::Stage;
 use super::shared_volume::{PendingChanges, Shared, SharedVolume};
+use super::turns::Stage;
 use crate::inserter::{OutcomeSink, VolumeInserter};
 use crate::{InsertedSlice, PipelineError};
 
@@ -178,7 +178,7 @@ pub(super) fn run(
     insertion: Insertion,
 ) -> Result<Vec<f64>, PipelineError> {
     let mut inserting = Inserting { shared, common, insertion, waiting: VecDeque::new(), insert_ms: Vec::new() };
-    let turns = common.status.pulse.of(Stage::Insertion);
+    let turns = common.status.turns.begin(Stage::Insertion);
     let mut result = loop {
         turns.turn();
         match messages.recv_timeout(TURN) {

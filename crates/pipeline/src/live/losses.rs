@@ -21,7 +21,7 @@ struct LastReport {
 /// Last report about each cause.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
-    said: BTreeMap<String, LastReport>,
+    reported: BTreeMap<String, LastReport>,
 }
 
 impl Losses {
@@ -30,9 +30,9 @@ impl Losses {
     pub(super) fn log(&mut self, status: &SessionStatus, now: Instant, is_end: bool) -> Vec<String> {
         let mut sentences = Vec::new();
         for (what, count) in lost(status) {
-            let before = self.said.get(&what).copied();
-            let due = before.is_none_or(|said| is_end || now.duration_since(said.at) >= PAUSE);
-            let more = count - before.map_or(0, |said| said.count).min(count);
+            let before = self.reported.get(&what).copied();
+            let due = before.is_none_or(|reported| is_end || now.duration_since(reported.at) >= PAUSE);
+            let more = count - before.map_or(0, |reported| reported.count).min(count);
             if more == 0 || !due {
                 continue;
             }
@@ -40,7 +40,7 @@ impl Losses {
                 if more == count { format!("{more} {what}") } else { format!("{more} more {what}, {count} in all") };
             tracing::error!("lost: {sentence}");
             sentences.push(sentence);
-            self.said.insert(what, LastReport { count, at: now });
+            self.reported.insert(what, LastReport { count, at: now });
         }
         sentences
     }
@@ -59,7 +59,7 @@ fn lost(status: &SessionStatus) -> Vec<(String, u64)> {
             .push((format!("readings of {}, as there was no room before pairing", readings.device), readings.dropped));
     }
     for device in &status.devices {
-        causes.push((format!("that {} sent and that never came, by its own count", device.name), device.lost));
+        causes.push((format!("that {} sent and that never arrived, by its own count", device.name), device.lost));
     }
     if let Some(written) = &status.recording {
         causes.push((

@@ -37,7 +37,7 @@
 //! - `walk`, `record_only`: a recorded session's samples by themselves, and a session that only
 //!   records.
 //! - `priority`: thread priorities.
-//! - `status`, `timing`, `pulse`, `losses`: the status of the stages.
+//! - `status`, `timing`, `turns`, `losses`: the status of the stages.
 
 mod brick_subset;
 mod capture;
@@ -54,7 +54,6 @@ mod pairing;
 mod picture;
 mod plane_viewer;
 mod priority;
-mod pulse;
 mod reach;
 mod reader;
 mod record_only;
@@ -70,6 +69,7 @@ mod status;
 mod stuck;
 mod threads;
 mod timing;
+mod turns;
 mod walk;
 mod zones;
 
@@ -79,7 +79,6 @@ pub use ended::EndedSession;
 pub use picture::{Drawn, First, ViewClient};
 pub use plane_viewer::{CutWork, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 pub use priority::{SchedulingGrant, SchedulingPolicy};
-pub use pulse::{Movement, Turns};
 pub use reader::{Reader, Snapshot, Wants};
 pub use record_only::{RecordEvent, record_only};
 pub use recorded_decisions::{Differences, RecordedDecisions};
@@ -91,5 +90,6 @@ pub use session::{Finished, Session, SessionInputs, Source};
 pub use shared_volume::VolumeExtent;
 pub use status::{ClockStatus, DeviceStatus, REPLAYED, SessionStatus, Written};
 pub use timing::{Quantiles, Spread};
+pub use turns::{StallDetector, Turns};
 pub use walk::{Latencies, walk};
 pub use zones::{InZones, Watch};

@@ -16,8 +16,8 @@ use sync::pairing::timed::{Answered, FrameTime, TimedPairing, Unplaced};
 use super::common::Common;
 use super::event::{ADVANCE_EVERY_NS, CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent};
 use super::insert::{InsertMessage, Posed, Times};
-use super::pulse::Stage;
 use super::stuck::StuckDetector;
+use super::turns::Stage;
 use super::zones::Guard;
 use crate::CapturedFrame;
 use crate::trace::STAGE;
@@ -91,10 +91,10 @@ impl<'a> Pairing<'a> {
 
     /// Handles events until the feed ends. Returns notes for the user.
     pub(super) fn run(mut self, feed: &mut impl Feed) -> Vec<String> {
-        let turns = self.common.status.pulse.of(Stage::Pairing);
-        while let Some(came) = feed.next() {
+        let turns = self.common.status.turns.begin(Stage::Pairing);
+        while let Some(event) = feed.next() {
             turns.turn();
-            let (now_ns, delivery) = match came {
+            let (now_ns, delivery) = match event {
                 FeedEvent::Delivery(delivery) => (delivery.at_ns, Some(delivery)),
                 FeedEvent::Quiet(now_ns) => (now_ns, None),
             };

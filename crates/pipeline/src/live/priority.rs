@@ -190,8 +190,8 @@ fn limit_unblocked() -> io::Result<Arc<AtomicBool>> {
     let exceeded = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(libc::SIGXCPU, Arc::clone(&exceeded))?;
     let Rlimit { current, maximum } = getrlimit(Resource::Rttime);
-    let wanted = current.unwrap_or(u64::MAX).min(maximum.unwrap_or(u64::MAX)).min(UNBLOCKED_US);
-    setrlimit(Resource::Rttime, Rlimit { current: Some(wanted), maximum })?;
+    let needed = current.unwrap_or(u64::MAX).min(maximum.unwrap_or(u64::MAX)).min(UNBLOCKED_US);
+    setrlimit(Resource::Rttime, Rlimit { current: Some(needed), maximum })?;
     Ok(exceeded)
 }
 
@@ -240,8 +240,8 @@ fn lock_memory(volume_bytes: u64) -> Result<(), String> {
     }
     let system = rustix::system::sysinfo();
     let machine = (system.totalram as u64).saturating_mul(u64::from(system.mem_unit));
-    let wanted = volume_bytes.saturating_add(BESIDES_BYTES);
-    if wanted > machine {
+    let needed = volume_bytes.saturating_add(BESIDES_BYTES);
+    if needed > machine {
         return Err(format!(
             "the volume may take {:.1} GiB, and with the rest that is more than this machine's {:.1} GiB; lower volume.max_memory_gib",
             volume_bytes as f64 / f64::from(1 << 30),
@@ -310,19 +310,19 @@ mod tests {
             granted: SchedulingGrant { realtime: true, ..SchedulingGrant::default() },
             exceeded: Some(Arc::clone(&exceeded)),
         };
-        let (tell, told) = mpsc::channel();
+        let (sender, received) = mpsc::channel();
         let (go, wait) = mpsc::channel::<()>();
         let reconstructor = {
             let standing = standing.clone();
             std::thread::spawn(move || {
                 standing.enter(Role::Insertion);
-                tell.send((own(), std::thread::spawn(own).join().unwrap())).unwrap();
+                sender.send((own(), std::thread::spawn(own).join().unwrap())).unwrap();
                 wait.recv().unwrap();
                 own()
             })
         };
         let fifo = libc::SCHED_FIFO;
-        assert_eq!(told.recv().unwrap(), ((fifo, 4), (fifo, 4)), "its pool weaves for it");
+        assert_eq!(received.recv().unwrap(), ((fifo, 4), (fifo, 4)), "its pool inserts for it");
         for (role, priority) in [(Role::Capture, 6), (Role::Pairing, 5)] {
             let standing = standing.clone();
             let seen = std::thread::spawn(move || {

@@ -71,12 +71,12 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
             let shared = shared.lock();
             ((shared.pending.inserted, shared.pending.cleared), shared.ended)
         };
-        let is_wanted = match reader.wants() {
+        let is_requested = match reader.wants() {
             Wants::Nothing => false,
             Wants::Changed => Some(inserted) != seen,
             Wants::Any => true,
         };
-        if is_wanted {
+        if is_requested {
             let taken = loop {
                 if let Some(taken) = snapshot(shared, reader) {
                     break taken;

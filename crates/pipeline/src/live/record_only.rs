@@ -58,9 +58,9 @@ pub fn record_only(
     status.granted(policy.granted());
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
-    let speakers = roles.iter().zip(&devices).zip(protocols);
-    let told = speakers.map(|((role, device), protocol)| (&*role.name, protocol, device.describe()));
-    let writing = record.map(|record| recorder::open(record, told, mask, &keep_free, clock)).transpose()?;
+    let opened = roles.iter().zip(&devices).zip(protocols);
+    let described = opened.map(|((role, device), protocol)| (&*role.name, protocol, device.describe()));
+    let writing = record.map(|record| recorder::open(record, described, mask, &keep_free, clock)).transpose()?;
     let (recorder, writing) = match writing {
         Some((recorder, writing)) => (recorder, Some(writing)),
         None => (recorder::Recorder::nowhere(), None),

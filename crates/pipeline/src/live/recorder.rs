@@ -128,7 +128,7 @@ pub struct Recording {
     pub lost: Unwritten,
     /// Reason why the file ended before the session, as a sentence; empty otherwise.
     pub ended: String,
-    /// Messages that came after that.
+    /// Messages that arrived after that.
     pub after_end: Unwritten,
     /// Space on the disk that the recording may still take, as last checked.
     pub room: Option<Room>,
@@ -272,7 +272,7 @@ impl Cropping {
 
 /// Writes until the queue is closed, or until less space than `keep_free` would be left; then
 /// ends the file.
-pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl FnMut(&Recording)) -> Recording {
+pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl FnMut(&Recording)) -> Recording {
     let File { writer, sources, kept, keep_free } = file;
     let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
     let mut recording = Recording {
@@ -328,7 +328,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
         // Space that may still be written.
         let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
         (checked_ns, recording.room) = (now_ns, left);
-        recording.lost = tell_lost(writer, queue, &mut noted, now_ns);
+        recording.lost = note_lost(writer, queue, &mut noted, now_ns);
         recording.status = writer.account();
         if is_full {
             recording.ended = format!(
@@ -339,19 +339,19 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
             note(writer, "end", &serde_json::json!({ "why": recording.ended }), now_ns);
             end(&mut open, clock, &mut recording);
         }
-        told(&recording);
+        report(&recording);
     }
     if let Some(writer) = &mut open {
-        recording.lost = tell_lost(writer, queue, &mut noted, clock.now_ns());
+        recording.lost = note_lost(writer, queue, &mut noted, clock.now_ns());
         end(&mut open, clock, &mut recording);
     }
-    told(&recording);
+    report(&recording);
     recording
 }
 
 /// Notes losses in the queue in the file, if they have increased. Tries again until there is
 /// room for the note.
-fn tell_lost(writer: &mut SessionWriter, queue: &Queue, noted: &mut Unwritten, now_ns: i64) -> Unwritten {
+fn note_lost(writer: &mut SessionWriter, queue: &Queue, noted: &mut Unwritten, now_ns: i64) -> Unwritten {
     let lost = queue.lost.so_far();
     if lost == *noted {
         return lost;

@@ -17,7 +17,7 @@ use sync::{FramePose, PairingOptions, StampedPairing, survey};
 use super::common::Common;
 use super::device::DeviceRole;
 use super::insert::{InsertMessage, Posed};
-use super::pulse::Stage;
+use super::turns::Stage;
 use crate::{CapturedFrame, OffPlane, PipelineError};
 
 /// A recorded sequence, and all poses in it.
@@ -83,7 +83,7 @@ pub(super) fn run(
     let (mut ingest, mut pairing) = (Ingest::new(), StampedPairing::with_names(options, &survey.names)?);
     let status = common.status;
     pairing.route().iter().for_each(|route| status.route(route));
-    let turns = status.pulse.of(Stage::Pairing);
+    let turns = status.turns.begin(Stage::Pairing);
     let mut device = open(&input)?;
     device.start()?;
     while !ends.load(Ordering::Relaxed) {

@@ -146,7 +146,7 @@ impl Session {
     ) -> Result<Shared, PipelineError> {
         let chosen = match self.path {
             PathChoice::Auto => None,
-            asked => Some(Chosen::by_poses(asked, &self.settings, &self.planar, &[])?),
+            requested => Some(Chosen::by_poses(requested, &self.settings, &self.planar, &[])?),
         };
         let plan = Plan {
             choice: self.path,

@@ -179,8 +179,8 @@ impl Shared {
     /// If only `certain` slices are rendered, waits until a picture of one is requested.
     pub(super) fn wait(&self, inserted: u64, certain: bool, at_most: Duration) -> MutexGuard<'_, SharedVolume> {
         let more = |shared: &mut SharedVolume| {
-            let is_wanted = shared.pending.inserted > inserted && (shared.awaited || !certain);
-            !is_wanted && !shared.ended
+            let is_due = shared.pending.inserted > inserted && (shared.awaited || !certain);
+            !is_due && !shared.ended
         };
         self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
     }

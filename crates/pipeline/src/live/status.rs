@@ -19,10 +19,10 @@ use sync::ingest::live::Gives;
 use super::device::DeviceRole;
 use super::picture::Drawn;
 use super::priority::SchedulingGrant;
-use super::pulse::{Pulse, Turns};
 use super::recorder::{Recording, Unwritten};
 use super::shared_volume::VolumeExtent;
 use super::timing::Spread;
+use super::turns::{StageTurns, Turns};
 use super::zones::InZones;
 
 /// State of a device that is replaced by a recording.
@@ -146,7 +146,7 @@ pub(super) struct StatusCollector {
     /// Time of each device's last delivery.
     last: Mutex<Vec<Option<Instant>>>,
     /// Turns of the stages.
-    pub(super) pulse: Pulse,
+    pub(super) turns: StageTurns,
     /// Index of each device among the ledger's readings; `None` for grabbers, whose readings are
     /// frames.
     rows: Vec<Option<usize>>,
@@ -180,7 +180,7 @@ impl StatusCollector {
         Self {
             status: Mutex::new(status),
             last: Mutex::new(vec![None; devices.len()]),
-            pulse: Pulse::new(devices.iter().map(|device| device.name.as_str())),
+            turns: StageTurns::new(devices.iter().map(|device| device.name.as_str())),
             rows,
             stuck_after_ns: AtomicI64::new(stuck_after_ns),
         }
@@ -193,7 +193,7 @@ impl StatusCollector {
     /// Returns the present status.
     pub(super) fn snapshot(&self) -> SessionStatus {
         let mut status = self.lock().clone();
-        status.stages = self.pulse.turns();
+        status.stages = self.turns.turns();
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         for (device, last) in status.devices.iter_mut().zip(last.iter()) {
             device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());
@@ -255,7 +255,7 @@ impl StatusCollector {
     /// Marks all devices as replaced by a recording.
     pub(super) fn replayed(&self) {
         self.lock().devices.iter_mut().for_each(|device| device.state = REPLAYED);
-        self.pulse.without_captures();
+        self.turns.without_captures();
     }
 
     /// Sets after how long repeated frames are reported, ns.
@@ -385,17 +385,17 @@ mod tests {
         assert_eq!((frames.total, frames.waiting, frames.lost), (5, 4, 7));
         assert_eq!(frames.dropped[&Queue::Pairing], 1);
         assert_eq!((status.devices[0].state, status.devices[1].why.as_str()), ("silent", "says nothing"));
-        assert_eq!(status.devices[0].last_reading_s_ago, None, "by its health nothing came");
+        assert_eq!(status.devices[0].last_reading_s_ago, None, "its health counts no reading");
         health.received.readings = 1;
         collector.health(0, &health);
         let [tracker, grabber] = [0, 1].map(|at| collector.snapshot().devices[at].last_reading_s_ago);
         assert!(tracker.is_some_and(|ago| ago >= 0.0) && grabber.is_none());
-        let told = |since| {
+        let stuck_s = |since| {
             collector.stuck(since);
             collector.snapshot().stuck_s
         };
-        assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500e-9), None]);
+        assert_eq!([Some(499), Some(500), None].map(stuck_s), [None, Some(500e-9), None]);
         collector.stuck_after(600);
-        assert_eq!(told(Some(599)), None);
+        assert_eq!(stuck_s(Some(599)), None);
     }
 }

@@ -74,7 +74,7 @@ impl Guard {
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
     entered: u64,
-    said: Option<Instant>,
+    warned: Option<Instant>,
 }
 
 impl Warnings {
@@ -82,12 +82,12 @@ impl Warnings {
     /// Returns the sentence.
     pub(super) fn log(&mut self, distortion: Option<InZones>, now: Instant) -> Option<String> {
         let InZones { entered, rms_mm, frames, .. } = distortion?;
-        let due = self.said.is_none_or(|said| now.duration_since(said) >= PAUSE);
+        let due = self.warned.is_none_or(|warned| now.duration_since(warned) >= PAUSE);
         if entered <= self.entered || !due {
             return None;
         }
         let times = entered - self.entered;
-        (self.entered, self.said) = (entered, Some(now));
+        (self.entered, self.warned) = (entered, Some(now));
         let err = rms_mm.map_or(String::new(), |mm| format!(", by {mm:.1} mm"));
         let often = if times > 1 { format!(" {times} times") } else { String::new() };
         let sentence = format!(
@@ -114,7 +114,7 @@ mod tests {
         let mut at = |x: f64| guard.check(DVec3::new(x, 5.0, 5.0)).iter().for_each(|found| reported.set(*found));
         at(-1.0);
         let nothing = InZones { zones: 2, ..InZones::default() };
-        assert_eq!((reported.get(), say(0)), (nothing, None), "outside nothing is said");
+        assert_eq!((reported.get(), say(0)), (nothing, None), "outside there is no warning");
         at(1.0);
         at(2.0);
         assert_eq!(reported.get(), InZones { zones: 2, frames: 2, entered: 1, rms_mm: Some(2.5) });

@@ -31,12 +31,12 @@ pub struct Turns {
 }
 
 /// The turns of all stages.
-pub(super) struct Pulse {
+pub(super) struct StageTurns {
     names: Vec<String>,
     turns: Vec<AtomicU64>,
 }
 
-impl Pulse {
+impl StageTurns {
     /// Returns the counters for a session with these devices.
     pub(super) fn new<'n>(devices: impl Iterator<Item = &'n str>) -> Self {
         let captures = devices.map(|device| format!("capture-{device}"));
@@ -52,7 +52,7 @@ impl Pulse {
     }
 
     /// Begins a stage; it ends when the returned value is dropped, for whatever reason.
-    pub(super) fn of(&self, stage: Stage) -> TurnCounter<'_> {
+    pub(super) fn begin(&self, stage: Stage) -> TurnCounter<'_> {
         let others = self.turns.len() - 2;
         let at = match stage {
             Stage::Capture(device) => device.min(others),
@@ -89,11 +89,11 @@ impl Drop for TurnCounter<'_> {
 /// Detects blocked stages between two checks. Checks are a second or more apart; a stage's turn
 /// takes a fraction of that.
 #[derive(Debug, Default)]
-pub struct Movement(Vec<Turns>);
+pub struct StallDetector(Vec<Turns>);
 
-impl Movement {
+impl StallDetector {
     /// Returns the stages that have not progressed since the last check.
-    pub fn still(&mut self, now: &[Turns]) -> Vec<String> {
+    pub fn stalled(&mut self, now: &[Turns]) -> Vec<String> {
         let before = std::mem::replace(&mut self.0, now.to_vec());
         let stuck = before.iter().zip(now).filter(|(before, now)| now.turns.is_some() && before.turns == now.turns);
         stuck.map(|(_, now)| now.stage.clone()).collect()
@@ -106,25 +106,25 @@ mod tests {
 
     #[test]
     fn stage_without_turns_is_stuck_unless_ended() {
-        let pulse = Pulse::new(["tracking", "grabber"].into_iter());
-        let mut movement = Movement::default();
-        assert!(movement.still(&pulse.turns()).is_empty(), "the first look tells nothing");
+        let turns = StageTurns::new(["tracking", "grabber"].into_iter());
+        let mut detector = StallDetector::default();
+        assert!(detector.stalled(&turns.turns()).is_empty(), "the first check has no earlier one");
         let counters =
-            [Stage::Capture(0), Stage::Capture(1), Stage::Pairing, Stage::Insertion].map(|stage| pulse.of(stage));
+            [Stage::Capture(0), Stage::Capture(1), Stage::Pairing, Stage::Insertion].map(|stage| turns.begin(stage));
         counters.iter().for_each(TurnCounter::turn);
-        assert!(movement.still(&pulse.turns()).is_empty());
+        assert!(detector.stalled(&turns.turns()).is_empty());
         counters[0].turn();
         counters[2].turn();
-        assert_eq!(movement.still(&pulse.turns()), ["capture-grabber", "insertion"]);
+        assert_eq!(detector.stalled(&turns.turns()), ["capture-grabber", "insertion"]);
         let [tracking, grabber, pairing, insertion] = counters;
         drop(grabber);
         for turns in [&tracking, &pairing, &insertion] {
             turns.turn();
         }
-        assert!(movement.still(&pulse.turns()).is_empty(), "a device may end by itself");
-        assert_eq!(pulse.turns()[1].turns, None);
-        assert_eq!(movement.still(&pulse.turns()), ["capture-tracking", "pairing", "insertion"]);
-        pulse.without_captures();
-        assert_eq!(movement.still(&pulse.turns()), ["pairing", "insertion"], "a recording has no captures");
+        assert!(detector.stalled(&turns.turns()).is_empty(), "a device may end by itself");
+        assert_eq!(turns.turns()[1].turns, None);
+        assert_eq!(detector.stalled(&turns.turns()), ["capture-tracking", "pairing", "insertion"]);
+        turns.without_captures();
+        assert_eq!(detector.stalled(&turns.turns()), ["pairing", "insertion"], "a recording has no captures");
     }
 }
