@@ -94,21 +94,25 @@ impl Table {
     }
 
     /// Returns the index of a place; `None` outside of the region.
+    #[inline]
     pub(super) fn index(&self, at: [i64; 3]) -> Option<usize> {
         let inside = (0..3).all(|a| (0..i64::from(self.size[a])).contains(&at[a]));
         inside.then(|| ((at[2] * i64::from(self.size[1]) + at[1]) * i64::from(self.size[0]) + at[0]) as usize)
     }
 
+    #[inline]
     pub(super) fn place(&self, index: usize) -> [i64; 3] {
         let [nx, ny, _] = self.size.map(|s| s as usize);
         [index % nx, index / nx % ny, index / (nx * ny)].map(|x| x as i64)
     }
 
+    #[inline]
     pub(super) fn get(&self, at: [i64; 3]) -> Option<usize> {
         let slot = self.slots[self.index(at)?];
         (slot != ABSENT).then_some(slot as usize)
     }
 
+    #[inline]
     pub(super) fn set(&mut self, index: usize, slot: u32) {
         self.slots[index] = slot;
     }

@@ -27,6 +27,7 @@ pub struct Slot(u32);
 
 impl Slot {
     /// Index in the arena.
+    #[inline]
     pub fn index(self) -> usize {
         self.0 as usize
     }
@@ -87,6 +88,7 @@ pub struct BrickVolume {
     places: Vec<BrickIndex>,
 }
 
+#[inline]
 fn block_of(brick: BrickIndex) -> (BrickIndex, usize) {
     let block = brick.map(|b| b.div_euclid(BLOCK));
     let [x, y, z] = brick.map(|b| b.rem_euclid(BLOCK) as usize);
@@ -136,6 +138,7 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn epoch(&self, slot: Slot) -> Epoch {
         self.epochs[slot.index()]
     }
@@ -144,6 +147,7 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn set_epoch(&mut self, slot: Slot, epoch: Epoch) {
         self.epochs[slot.index()] = epoch;
     }
@@ -167,6 +171,7 @@ impl BrickVolume {
     }
 
     /// The slot of a brick, if it exists.
+    #[inline]
     pub fn find(&self, index: BrickIndex) -> Option<Slot> {
         let (block, place) = block_of(index);
         let slot = self.blocks.get(&block)?[place];
@@ -216,11 +221,13 @@ impl BrickVolume {
     }
 
     /// Returns a brick.
+    #[inline]
     pub fn brick(&self, slot: Slot) -> &Brick {
         bytemuck::from_bytes(self.bricks.piece(slot.index()))
     }
 
     /// Returns a brick for writing.
+    #[inline]
     pub fn brick_mut(&mut self, slot: Slot) -> &mut Brick {
         bytemuck::from_bytes_mut(self.bricks.piece_mut(slot.index()))
     }
@@ -229,11 +236,13 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn ages_mut(&mut self, slot: Slot) -> &mut Ages {
         bytemuck::from_bytes_mut(self.ages.piece_mut(slot.index()))
     }
 
     /// Lattice position of a brick.
+    #[inline]
     pub fn place(&self, slot: Slot) -> BrickIndex {
         self.places[slot.index()]
     }
@@ -262,6 +271,7 @@ impl BrickVolume {
 
     /// Returns the chunk of a slot and its position in the chunk, to be used with
     /// [`Self::chunk_pointers`].
+    #[inline]
     pub fn locate(&self, slot: Slot) -> (usize, usize) {
         self.bricks.locate(slot.index())
     }
@@ -408,6 +418,7 @@ pub struct Finder<'a> {
 
 impl Finder<'_> {
     /// Same as [`BrickVolume::find`].
+    #[inline]
     pub fn find(&mut self, index: BrickIndex) -> Option<Slot> {
         let (block, place) = block_of(index);
         if block != self.block {

@@ -48,6 +48,7 @@ pub fn canonical(world_from_lattice: Transform<World, Volume>) -> Canonical {
 
 impl Canonical {
     /// Returns the canonical index of a voxel given by its index in the description.
+    #[inline]
     pub fn index(&self, voxel: [i64; 3]) -> [i64; 3] {
         std::array::from_fn(|a| voxel[a].saturating_add(self.offset[a]))
     }

@@ -63,12 +63,14 @@ pub trait Values: Sync {
 }
 
 /// Returns the lattice index of the first voxel of a line along x of a block.
+#[inline]
 fn line_of(block: BrickIndex, line: usize) -> [i64; 3] {
     let [x, y, z] = block.map(|b| i64::from(b) * EDGE as i64);
     [x, y + (line % EDGE) as i64, z + (line / EDGE) as i64]
 }
 
 /// Converts sums to values; unseen voxels get value 0 and weight 0.
+#[inline]
 fn divide(value: &mut [f32], weight: &mut [f32]) {
     for (value, weight) in value.iter_mut().zip(weight) {
         let seen = *weight > SEEN;
