@@ -39,7 +39,8 @@ pub enum Queue {
     /// Device readings, before pairing.
     Pairing,
     /// Slices, before insertion.
-    Weaving,
+    #[serde(rename = "weaving")]
+    Insertion,
 }
 
 impl Queue {
@@ -47,7 +48,7 @@ impl Queue {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Pairing => "pairing",
-            Self::Weaving => "weaving",
+            Self::Insertion => "weaving",
         }
     }
 }
@@ -219,7 +220,7 @@ mod tests {
             assert!(balanced(&ledger));
             match item % 4 {
                 0 => ledger.used(),
-                3 => ledger.dropped(Queue::Weaving),
+                3 => ledger.dropped(Queue::Insertion),
                 1 => ledger.refused(&Refusal::new(item, Reason::PoseInvalid, "ProbeToTracker is INVALID")),
                 _ => {}
             }

@@ -132,7 +132,7 @@ impl StatusPublisher {
             self.told = Some(Instant::now());
             // Scan guidance is useless for a replay.
             if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+                self.latest.coached(coach.status(account, Monotonic.now_ns()));
             }
             self.latest.tell(account, self.service.still());
         }

@@ -85,14 +85,14 @@ mod tests {
         let (mut losses, mut account, begin) = (Losses::default(), SessionStatus::default(), Instant::now());
         let at = |seconds| begin + Duration::from_secs(seconds);
         assert!(losses.say(&account, at(0), true).is_empty());
-        account.ledger.frames.dropped.insert(Queue::Weaving, 3);
+        account.ledger.frames.dropped.insert(Queue::Insertion, 3);
         account.ledger.readings.push(Readings { device: "tracker".into(), dropped: 0, ..Readings::default() });
         assert_eq!(losses.say(&account, at(1), false), ["3 frames, as there was no room before weaving"]);
-        account.ledger.frames.dropped.insert(Queue::Weaving, 7);
+        account.ledger.frames.dropped.insert(Queue::Insertion, 7);
         account.ledger.readings[0].dropped = 1;
         let other = "1 readings of tracker, as there was no room before pairing";
         assert_eq!(losses.say(&account, at(2), false), [other], "another cause does not wait for the first");
-        account.ledger.frames.dropped.insert(Queue::Weaving, 9);
+        account.ledger.frames.dropped.insert(Queue::Insertion, 9);
         assert!(losses.say(&account, at(10), false).is_empty());
         let more = "6 more frames, as there was no room before weaving, 9 in all";
         assert_eq!(losses.say(&account, at(11), false), [more]);

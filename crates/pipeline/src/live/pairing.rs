@@ -261,7 +261,7 @@ impl<'a> Pairing<'a> {
             SliceSink::Waits(onward) => onward.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err(),
         };
         if is_full {
-            self.common.drop_before(Queue::Weaving, item);
+            self.common.drop_before(Queue::Insertion, item);
         }
     }
 }

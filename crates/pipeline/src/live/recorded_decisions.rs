@@ -214,7 +214,7 @@ mod tests {
     }
 
     fn precedent() -> RecordedDecisions {
-        let fates = [FrameOutcome::Used, FrameOutcome::Dropped(Queue::Weaving)];
+        let fates = [FrameOutcome::Used, FrameOutcome::Dropped(Queue::Insertion)];
         let frames = (0..)
             .zip(fates)
             .map(|(item, fate)| (item, Was { placed: Some(placed(item, 1.0).bits()), fate: Some(fate) }));
@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn dropped_frames_drop_again_unless_use_all() {
         let mut precedent = precedent();
-        assert_eq!([0, 1].map(|item| precedent.was_dropped(item)), [None, Some(Queue::Weaving)]);
+        assert_eq!([0, 1].map(|item| precedent.was_dropped(item)), [None, Some(Queue::Insertion)]);
         assert_eq!(precedent.dropped(), 1);
         precedent.decided(1, &FrameOutcome::Used);
         assert_eq!(precedent.differences().count, 1);
