@@ -85,7 +85,7 @@ pub(crate) struct Ready {
     pub(crate) slices: Vec<Slice>,
     /// The volume of all slices.
     pub(crate) whole: PathReconstructor,
-    pub(crate) stage: RenderRegion,
+    pub(crate) region: RenderRegion,
     pub(crate) look: RenderSettings,
     scan: Scan,
     weave: Settings,
@@ -116,13 +116,13 @@ impl Ready {
             whole.insert(slice)?;
         }
         let (low, high) = whole.volume().seen_bounds().ok_or("nothing was seen")?;
-        let stage = RenderRegion::new(whole.world_from_lattice(), low, high)?;
+        let region = RenderRegion::new(whole.world_from_lattice(), low, high)?;
         let look = RenderSettings {
             view: View { azimuth: 30.0, elevation: 20.0, ..View::default() },
             threads: THREADS,
             ..RenderSettings::new(case.image, Transfer::preset(case.preset, [0.0, 255.0])?)
         };
-        Ok(Self { slices, whole, stage, look, scan, weave, planar })
+        Ok(Self { slices, whole, region, look, scan, weave, planar })
     }
 
     /// Returns an empty volume for the same scan.
@@ -136,7 +136,7 @@ impl Ready {
     /// Returns the axis of the volume that is closest to the sweep direction.
     pub(crate) fn sweep_axis(&self) -> usize {
         let normal = self.scan.true_world_from_image(self.slices.len() as u32 / 2).affine().matrix3.z_axis;
-        let along = self.stage.stage_from_world().transform_vector3(normal).abs();
+        let along = self.region.region_from_world().transform_vector3(normal).abs();
         (0..3).max_by(|a, b| along[*a].total_cmp(&along[*b])).unwrap_or(0)
     }
 }

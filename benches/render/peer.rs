@@ -104,13 +104,13 @@ pub(crate) fn measure(
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
     let axis = ready.sweep_axis();
-    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let before = Snapshot::new(ready.whole.volume(), &ready.region);
     let volumes = [before.with_planes_changed(axis), before];
     for setting in settings(case) {
         let name = format!("{}-{}-{}", case.id, setting.size[0], setting.preset);
         let job = Job::new(&setting, ready, &volumes, &folder.join("peers").join(name))?;
         let mut vtk = Vtk::start(python, &job.folder)?;
-        let apart = compare(&job, &volumes[1], &ready.stage, &mut vtk, sides)?;
+        let apart = compare(&job, &volumes[1], &ready.region, &mut vtk, sides)?;
         if apart.rms > APART {
             report.wrong(format!(
                 "{}, {}: VTK's picture is {:.2} grey levels rms from ours, not the {APART} of the same picture; both are in {}",
@@ -161,8 +161,8 @@ impl Job {
             ..ready.look.clone()
         };
         let looks: Vec<RenderSettings> = (0..SIDES).map(look).collect();
-        let views = looks.iter().map(|look| seen(look, &ready.stage)).collect::<Result<Vec<_>, _>>()?;
-        let spacing = ready.stage.spacing_mm();
+        let views = looks.iter().map(|look| seen(look, &ready.region)).collect::<Result<Vec<_>, _>>()?;
+        let spacing = ready.region.spacing_mm();
         let Opacity::Curve(curve) = transfer.opacity() else { return Err("VTK has opacity curves only".into()) };
         // 0 marks unseen voxels.
         let mut opacity = vec![[0.0, 0.0], [1.0, curve.value(1.0)]];
@@ -174,7 +174,7 @@ impl Job {
             "dimensions": volumes[1].size(),
             "spacing_mm": spacing.to_array(),
             "size": setting.size,
-            "step_mm": Camera::new(&looks[0].view, setting.size, looks[0].step, &ready.stage)?.step_mm(),
+            "step_mm": Camera::new(&looks[0].view, setting.size, looks[0].step, &ready.region)?.step_mm(),
             "threads": THREADS,
             "opacity": opacity,
             "unit_mm": transfer.unit_mm(),
@@ -192,11 +192,11 @@ impl Job {
 }
 
 /// Returns a view in mm along the volume's own axes from its first voxel.
-fn seen(look: &RenderSettings, stage: &RenderRegion) -> Result<serde_json::Value, Box<dyn Error>> {
-    let camera = Camera::new(&look.view, look.size, look.step, stage)?;
-    let [low, _] = stage.bounds();
-    let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - stage.first()[a]) as f64));
-    let mm = |at: DVec3| (at - corner) * stage.spacing_mm();
+fn seen(look: &RenderSettings, region: &RenderRegion) -> Result<serde_json::Value, Box<dyn Error>> {
+    let camera = Camera::new(&look.view, look.size, look.step, region)?;
+    let [low, _] = region.bounds();
+    let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - region.first()[a]) as f64));
+    let mm = |at: DVec3| (at - corner) * region.spacing_mm();
     let [width, height] = look.size;
     let (first, last) = (camera.ray(0, 0), camera.ray(width - 1, height - 1));
     let middle = |k: f64| mm(0.5 * (first.base + last.base) + first.step * k);
@@ -221,7 +221,7 @@ struct Apart {
 fn compare(
     job: &Job,
     volume: &Snapshot,
-    stage: &RenderRegion,
+    region: &RenderRegion,
     vtk: &mut Vtk,
     sides: usize,
 ) -> Result<Apart, Box<dyn Error>> {
@@ -230,7 +230,7 @@ fn compare(
     for (side, look) in job.looks.iter().take(sides).enumerate() {
         vtk.ms(&format!("view {side}"))?;
         let theirs = vtk.picture(&job.folder.join(format!("vtk-{side}.rgba16")), look.size)?;
-        let mut renderer = Renderer::new(look, *stage)?;
+        let mut renderer = Renderer::new(look, *region)?;
         renderer.update_all(volume);
         let ours = renderer.picture();
         for (name, picture) in [("vtk", &theirs), ("ours", &ours)] {
@@ -282,14 +282,14 @@ fn new_views(
 ) -> Result<Vec<Times>, Box<dyn Error>> {
     // Two sides at least, so that each view differs from the one before.
     let sides = sides.max(2);
-    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    let mut ours = Renderer::new(&job.looks[0], ready.region)?;
     ours.update_all(volume);
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     turns.push(Box::new(|| (0..sides).rev().map(|side| vtk.ms(&format!("view {side}"))).collect()));
     turns.push(Box::new(|| {
         let mut each = |look: &RenderSettings| -> Result<f64, Box<dyn Error>> {
             let began = Instant::now();
-            ours.look(look.view)?;
+            ours.set_view(look.view)?;
             while !ours.refine(Duration::from_secs(1)).finished {}
             Ok(began.elapsed().as_secs_f64() * 1e3)
         };
@@ -309,7 +309,7 @@ fn changes(
     rounds: usize,
 ) -> Result<Vec<Times>, Box<dyn Error>> {
     let bricks = volumes[0].bricks_of_planes(axis);
-    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    let mut ours = Renderer::new(&job.looks[0], ready.region)?;
     ours.update_all(&volumes[1]);
     vtk.ms("view 0")?;
     let mut turns: Vec<Contestant<'_>> = Vec::new();

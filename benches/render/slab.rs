@@ -61,10 +61,10 @@ struct Found {
 pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
     let Some(id) = case.slab else { return Ok(()) };
     let axis = ready.sweep_axis();
-    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let before = Snapshot::new(ready.whole.volume(), &ready.region);
     let volumes = [before.with_planes_changed(axis), before];
     let directions =
-        ready.stage.world_from_stage().matrix3.to_cols_array_2d().map(|axis| DVec3::from_array(axis).normalize());
+        ready.region.world_from_region().matrix3.to_cols_array_2d().map(|axis| DVec3::from_array(axis).normalize());
     let (normal, edge) = (directions[axis], directions[(axis + 1) % 3]);
     let names = [
         "the planes are seen",
@@ -105,13 +105,13 @@ fn turns(
 ) -> Result<(Vec<Times>, Vec<Found>), Box<dyn Error>> {
     let mut expected: Vec<Picture> = Vec::new();
     for volume in volumes {
-        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?;
+        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.region)?;
         renderer.update_all(volume);
         expected.push(renderer.picture());
     }
     let bricks = volumes[0].bricks_of_planes(axis);
     // Memory of pixels and rays without a cache.
-    let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?.memory().rays;
+    let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.region)?.memory().rays;
     let mut found: Vec<Found> = Way::ALL.iter().map(|_| Found::default()).collect();
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     for (way, found) in Way::ALL.into_iter().zip(&mut found) {
@@ -120,7 +120,7 @@ fn turns(
             Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..look.clone() },
             Way::Update(cache) => RenderSettings { cache, ..look.clone() },
         };
-        let mut kept = Renderer::new(&settings, ready.stage)?;
+        let mut kept = Renderer::new(&settings, ready.region)?;
         found.fits = kept.cache() == settings.cache;
         kept.update_all(&volumes[1]);
         turns.push(Box::new(move || {
@@ -128,7 +128,7 @@ fn turns(
             for (volume, expected) in volumes.iter().zip(expected) {
                 let (updated, picture) = match way {
                     Way::Recast => {
-                        let mut anew = Renderer::new(&settings, ready.stage)?;
+                        let mut anew = Renderer::new(&settings, ready.region)?;
                         (anew.update_all(volume), anew.picture())
                     }
                     Way::Update(_) => (kept.update(volume, bricks), kept.picture()),

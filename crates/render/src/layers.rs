@@ -5,7 +5,7 @@ use simd::sharing::Sharing;
 
 use super::camera::Camera;
 use super::classify::shade::Shader;
-use super::rays::composite::{Fold, Through};
+use super::rays::composite::{Accumulated, Fold};
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::refine::sparse::Sparse;
@@ -37,9 +37,9 @@ impl Image {
 }
 
 impl<const C: usize> Layers<C> {
-    pub(super) fn new(camera: &Camera, stage: &RenderRegion, settings: &RenderSettings) -> Self {
-        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { voxels: Voxels::new(stage, settings), rows, sparse: None }
+    pub(super) fn new(camera: &Camera, region: &RenderRegion, settings: &RenderSettings) -> Self {
+        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, region, j)).collect();
+        Self { voxels: Voxels::new(region, settings), rows, sparse: None }
     }
 
     /// Casts again the rays that some changes can have reached.
@@ -69,7 +69,7 @@ impl<const C: usize> Layers<C> {
     }
 
     /// Returns the picture, row by row.
-    pub(super) fn pixels(&self, of: impl Fn(&Through<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
+    pub(super) fn pixels(&self, of: impl Fn(&Accumulated<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
         match &self.sparse {
             Some(sparse) => sparse.regions.seen.iter().map(of).collect(),
             None => self.rows.iter().flat_map(|row| row.pixels.iter().map(&of)).collect(),

@@ -128,7 +128,7 @@ impl Bedside {
 
     /// Returns the render region: the seen box, limited to depths `y_mm` of the body, so that
     /// nothing in front or behind hides it.
-    pub(crate) fn stage(&self, y_mm: [f64; 2]) -> Result<RenderRegion, Box<dyn Error>> {
+    pub(crate) fn region(&self, y_mm: [f64; 2]) -> Result<RenderRegion, Box<dyn Error>> {
         let (mut low, mut high) = self.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
         let world = y_mm.map(|y| self.body.world_from_body.transform_point3(DVec3::new(0.0, y, 0.0)).y);
         low[1] = low[1].max((world[0] / self.spacing.y).ceil() as i64);
@@ -139,7 +139,7 @@ impl Bedside {
     /// Renders the volume.
     pub(crate) fn rendered(
         &self,
-        stage: RenderRegion,
+        region: RenderRegion,
         view: View,
         mode: Mode,
         transfer: &Transfer,
@@ -152,7 +152,7 @@ impl Bedside {
             threads: 2,
             ..RenderSettings::new([320; 2], transfer.clone())
         };
-        let mut renderer = Renderer::new(&look, stage)?;
+        let mut renderer = Renderer::new(&look, region)?;
         renderer.update_all(self.weaver.volume());
         Ok(renderer.picture())
     }
@@ -161,12 +161,12 @@ impl Bedside {
     /// `wanted` accepts, according to the body.
     pub(crate) fn met(
         &self,
-        stage: &RenderRegion,
+        region: &RenderRegion,
         view: &View,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Vec<bool>, Box<dyn Error>> {
-        let camera = Camera::new(view, [320; 2], 0.5, stage)?;
-        let body_from_stage = self.body.world_from_body.inverse() * stage.world_from_stage();
+        let camera = Camera::new(view, [320; 2], 0.5, region)?;
+        let body_from_stage = self.body.world_from_body.inverse() * region.world_from_region();
         let (mut met, mut passages) = (Met::with_room_for(&self.body), Vec::new());
         let mut hit = |i: u32, j: u32| {
             let ray = camera.ray(i, j);

@@ -197,9 +197,9 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
     let bytes: Vec<u64> = followed.iter().filter_map(|runs| Some(runs.first()?.memory.rays)).collect();
     let arity = followed.first().and_then(|runs| Some(u64::from(runs.first()?.arity))).ok_or("nothing was followed")?;
     let [none, one, linear, two] = bytes[..] else { return Err("four caches are followed".into()) };
-    let camera = Camera::new(&doll.look.view, doll.look.size, doll.look.step, &doll.stage)?;
+    let camera = Camera::new(&doll.look.view, doll.look.size, doll.look.step, &doll.region)?;
     // Samples reach one voxel beyond the region's, where it fades.
-    let [rays, samples] = meeting(&camera, within(&doll.stage, 1.01));
+    let [rays, samples] = meeting(&camera, within(&doll.region, 1.01));
     let [width, height] = doll.look.size.map(u64::from);
     let tables = TABLE_BYTES * width * height;
     // N samples lie in N/p blocks, plus parts of two more if they do not begin and end with one.
@@ -278,7 +278,7 @@ fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, round
             series.push(Series::new(name(cache), look, ink, line(y)));
         }
         if cache == Cache::TwoLevel {
-            let mut plain = render::Renderer::new(&doll.look, doll.stage)?;
+            let mut plain = render::Renderer::new(&doll.look, doll.region)?;
             plain.update_all(doll.whole.volume());
             usual = plain.arity();
             length = f64::from(plain.samples());

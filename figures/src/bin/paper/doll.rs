@@ -27,7 +27,7 @@ pub(crate) struct Doll {
     scan: Scan,
     pub(crate) slices: Vec<Slice>,
     pub(crate) whole: PathReconstructor,
-    pub(crate) stage: RenderRegion,
+    pub(crate) region: RenderRegion,
     /// One thread, like the paper.
     pub(crate) look: RenderSettings,
 }
@@ -63,12 +63,12 @@ impl Doll {
             whole.insert(slice)?;
         }
         let (low, high) = whole.volume().seen_bounds().ok_or("nothing was seen")?;
-        let stage = RenderRegion::new(whole.world_from_lattice(), low, high)?;
+        let region = RenderRegion::new(whole.world_from_lattice(), low, high)?;
         let look = RenderSettings {
             view: View { azimuth: 30.0, elevation: 20.0, ..View::default() },
             ..RenderSettings::new(PICTURE, Transfer::preset("phantom", [0.0, 255.0])?)
         };
-        Ok(Self { scan, slices, whole, stage, look })
+        Ok(Self { scan, slices, whole, region, look })
     }
 
     pub(crate) fn weaver(&self, threads: usize) -> Result<PathReconstructor, Box<dyn Error>> {
@@ -77,7 +77,7 @@ impl Doll {
 
     /// Returns the picture of all slices, rendered at once without a cache.
     pub(crate) fn at_once(&self, look: &RenderSettings) -> Result<(Picture, RenderWork), Box<dyn Error>> {
-        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, self.stage)?;
+        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, self.region)?;
         let work = renderer.update_all(self.whole.volume()).work;
         Ok((renderer.picture(), work))
     }
@@ -94,7 +94,7 @@ impl Doll {
         look: &RenderSettings,
         mut after: impl FnMut(usize, &PathReconstructor, &Renderer, &RenderWork) -> Result<(), Box<dyn Error>>,
     ) -> Result<Followed, Box<dyn Error>> {
-        let (mut weaver, mut renderer) = (self.weaver(look.threads)?, Renderer::new(look, self.stage)?);
+        let (mut weaver, mut renderer) = (self.weaver(look.threads)?, Renderer::new(look, self.region)?);
         let mut ms = Vec::with_capacity(self.slices.len());
         for (number, slice) in self.slices.iter().enumerate() {
             let began = Instant::now();

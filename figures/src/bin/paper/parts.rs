@@ -29,8 +29,8 @@ pub(crate) fn composited(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn
     for parts in PARTS {
         let mut weaver = doll.weaver(1)?;
         let mut workers =
-            (0..parts).map(|part| Part::new(&doll.look, &doll.stage, part, parts)).collect::<Result<Vec<_>, _>>()?;
-        let mut compositor = Compositor::new(&doll.look, &doll.stage)?;
+            (0..parts).map(|part| Part::new(&doll.look, &doll.region, part, parts)).collect::<Result<Vec<_>, _>>()?;
+        let mut compositor = Compositor::new(&doll.look, &doll.region)?;
         let mut bytes = 0;
         let mut samples = vec![0; workers.len()];
         for slice in &doll.slices {

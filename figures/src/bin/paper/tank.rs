@@ -35,11 +35,11 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // A slice through hands and belly.
     let z = -10.0;
     let [slice, opacity] = bedside.slice(z, &transfer)?;
-    let stage = bedside.stage(LOOKED_AT_MM)?;
+    let region = bedside.region(LOOKED_AT_MM)?;
     let front = View { azimuth: 0.0, elevation: 0.0, ..View::default() };
     let aside = View { azimuth: 35.0, elevation: 15.0, ..View::default() };
     let [rendered, turned] =
-        [front, aside].map(|view| bedside.rendered(stage, view, Mode::Shaded(Shading::Voxel), &transfer));
+        [front, aside].map(|view| bedside.rendered(region, view, Mode::Shaded(Shading::Voxel), &transfer));
     let rendered = rendered?;
 
     let surface = surface(&bedside);
@@ -54,7 +54,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let clear = water.iter().map(|v| v.abs()).sum::<f64>() / water.len() as f64;
     report
         .check(water.len() > 1000 && clear < 6.0, format!("figure 12: water shows {clear} at {} places", water.len()));
-    let truth = bedside.met(&stage, &front, |name| name == "rubber" || name == "eyes")?;
+    let truth = bedside.met(&region, &front, |name| name == "rubber" || name == "eyes")?;
     let opaque: Vec<bool> = rendered.pixels.iter().map(|p| p[3] < 0.5).collect();
     let count = |f: &dyn Fn(bool, bool) -> bool| truth.iter().zip(&opaque).filter(|(t, o)| f(**t, **o)).count() as f64;
     let overlap = count(&|t, o| t && o) / count(&|t, o| t || o);

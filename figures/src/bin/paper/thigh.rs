@@ -62,11 +62,11 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // Muscle has grey values of about 100, and is to be transparent.
     let echoes = Curve::new(&[(112.0, 0.0), (135.0, 0.4), (165.0, 0.95)])?;
     let transfer = Transfer::new(Opacity::Curve(echoes), 1.0, Colour::grey([0.0, 150.0])?)?;
-    let stage = bedside.stage(LOOKED_AT_MM)?;
+    let region = bedside.region(LOOKED_AT_MM)?;
     let front = View { azimuth: 0.0, elevation: 0.0, roll: 90.0, ..View::default() };
-    let rendered = bedside.rendered(stage, front, Mode::Shaded(Shading::Voxel), &transfer)?;
+    let rendered = bedside.rendered(region, front, Mode::Shaded(Shading::Voxel), &transfer)?;
     let turned = bedside.rendered(
-        stage,
+        region,
         View { azimuth: 35.0, elevation: 25.0, ..front },
         Mode::Shaded(Shading::Voxel),
         &transfer,

@@ -2,7 +2,7 @@
 //! equations in three dimensions; f64. Lengths are in voxels.
 //!
 //! Slices are perpendicular to the x-y plane: image axis u is parallel to z, v to y, and slice i
-//! is at x = `at[i]`. The one-dimensional stage filters along u once per slice; the
+//! is at x = `at[i]`. The one-dimensional region filters along u once per slice; the
 //! two-dimensional one spreads columns over x and y. One weight per column is exact if all its
 //! voxels receive the same weight.
 
@@ -72,7 +72,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
     let n = nx * ny * nz;
     let [mut r, mut w, mut staged_r, mut staged_w, mut column_r] = std::array::from_fn(|_| vec![0.0; n]);
     let mut column_w = vec![0.0; nx * ny];
-    // The band of the first stage: kernel along u, rows scaled to sum 1.
+    // The band of the first region: kernel along u, rows scaled to sum 1.
     let band: Vec<Vec<f64>> = (0..nz)
         .map(|z| {
             let row: Vec<f64> = us.iter().map(|u| g.weight(z as f64 - u)).collect();
@@ -82,7 +82,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
         .collect();
     for (i, at) in AT.iter().enumerate() {
         let picture: Vec<Vec<f64>> = us.iter().map(|u| vs.iter().map(|v| scene([*at, *v, *u])).collect()).collect();
-        // First stage: a column of z for every v, of values and of certainty.
+        // First region: a column of z for every v, of values and of certainty.
         let filter = |f: &dyn Fn(usize, usize) -> f64| -> Vec<Vec<f64>> {
             (0..vs.len())
                 .map(|v| band.iter().map(|row| row.iter().enumerate().map(|(u, k)| k * f(u, v)).sum()).collect())

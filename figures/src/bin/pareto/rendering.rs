@@ -130,7 +130,7 @@ impl Looked {
     /// Returns for each following slice the time of shading and rays, and of rays alone; then
     /// the time of the first picture, ms.
     fn follow(&self, settings: &RenderSettings) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
-        let (mut weaver, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.stage)?);
+        let (mut weaver, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.region)?);
         let ms = |took: Duration| took.as_secs_f64() * 1e3;
         let Updated { shade, rays, .. } = renderer.update_all(weaver.volume());
         let mut found = [Vec::new(), Vec::new(), vec![ms(shade + rays)]];
@@ -208,12 +208,12 @@ fn rows(
 ) -> Result<Vec<Row>, Box<dyn Error>> {
     let begun = scene.begun()?;
     let fine = RenderSettings { step: FINEST, ..look.clone() };
-    let exact = reference::render(begun.volume(), &fine, &scene.doll.stage)?;
+    let exact = reference::render(begun.volume(), &fine, &scene.doll.region)?;
     let ways = Way::all(extent.whole);
     let mut rows = Vec::new();
     let mut pictures: Vec<Picture> = Vec::new();
     for way in &ways {
-        let (picture, samples) = made(&begun, way.of(look), scene.doll.stage)?;
+        let (picture, samples) = made(&begun, way.of(look), scene.doll.region)?;
         judge(way, &picture, samples, &ways[..pictures.len()], &pictures, &format!("{preset}, {}", way.name()), report);
         let [most, rms] = exact.difference(&picture).map(|d| 255.0 * d);
         report.findings.check(rms < 4.0, format!("{preset}, {}: {rms} grey levels rms from f64", way.name()));
@@ -230,7 +230,7 @@ fn rows(
             .findings
             .check(fine <= coarse, format!("{preset}: {fine} with a step of {}, {coarse} with {}", pair[0], pair[1]));
     }
-    against_own_equations(&begun, look, &pictures, scene.doll.stage, preset, report)?;
+    against_own_equations(&begun, look, &pictures, scene.doll.region, preset, report)?;
     let mut all: Vec<[Vec<f64>; 3]> = ways.iter().map(|_| Default::default()).collect();
     let mut turns: Vec<Turn<'_>> = Vec::new();
     for (way, all) in ways.iter().zip(&mut all) {
@@ -252,9 +252,9 @@ fn rows(
 fn made(
     begun: &PathReconstructor,
     settings: RenderSettings,
-    stage: RenderRegion,
+    region: RenderRegion,
 ) -> Result<(Picture, u32), Box<dyn Error>> {
-    let mut renderer = Renderer::new(&settings, stage)?;
+    let mut renderer = Renderer::new(&settings, region)?;
     renderer.update_all(begun.volume());
     Ok((renderer.picture(), renderer.samples()))
 }
@@ -290,11 +290,11 @@ fn against_own_equations(
     begun: &PathReconstructor,
     look: &RenderSettings,
     pictures: &[Picture],
-    stage: RenderRegion,
+    region: RenderRegion,
     preset: &str,
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
-    let own: ReferencePicture = reference::render(begun.volume(), look, &stage)?;
+    let own: ReferencePicture = reference::render(begun.volume(), look, &region)?;
     let default = pictures.first().ok_or("the default comes first")?;
     let [most, _] = own.difference(default);
     report.findings.check(most <= 1.0 / 255.0, format!("{preset}: the default is {most} from its equations"));

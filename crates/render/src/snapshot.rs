@@ -82,12 +82,12 @@ impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
 }
 
 /// The region's bricks by place.
-pub(super) struct Table {
+pub(super) struct BrickTable {
     size: [u32; 3],
     slots: Vec<u32>,
 }
 
-impl Table {
+impl BrickTable {
     pub(super) fn new(size: [u32; 3]) -> Self {
         let n = size.iter().map(|s| *s as usize).product();
         Self { size, slots: vec![ABSENT; n] }
@@ -143,10 +143,10 @@ pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>)
 }
 
 /// The voxels of the render region.
-pub(super) struct Shown {
+pub(super) struct VoxelSnapshot {
     first: [i64; 3],
     bounds: [[i64; 3]; 2],
-    pub(super) table: Table,
+    pub(super) table: BrickTable,
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
     bricks: Vec<Box<Brick>>,
@@ -171,12 +171,12 @@ impl Changed {
     }
 }
 
-impl Shown {
-    pub(super) fn new(stage: &RenderRegion) -> Self {
+impl VoxelSnapshot {
+    pub(super) fn new(region: &RenderRegion) -> Self {
         Self {
-            first: stage.first(),
-            bounds: stage.bounds(),
-            table: Table::new(stage.bricks()),
+            first: region.first(),
+            bounds: region.bounds(),
+            table: BrickTable::new(region.bricks()),
             bricks: Vec::new(),
             places: Vec::new(),
         }
@@ -185,7 +185,7 @@ impl Shown {
     /// Reads some bricks of the volume, given by lattice index divided by 8. Adds bricks in
     /// which any bit of a value or weight changed to `changed`; ignores those outside of the
     /// region.
-    pub(super) fn take(
+    pub(super) fn read(
         &mut self,
         volume: &(impl Values + ?Sized),
         bricks: &[BrickIndex],
