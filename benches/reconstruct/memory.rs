@@ -75,7 +75,7 @@ fn resident() -> Option<f64> {
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kib| kib * 1024.0)
 }
 
-pub(crate) fn tell(memory: &Memory, report: &mut Report) {
+pub(crate) fn report(memory: &Memory, report: &mut Report) {
     let title = format!(
         "Memory after {} slices of {PIXELS}×{PIXELS} pixels of {PIXEL_MM} mm, {GAP_MM} mm apart along (1,1,1), voxels of 0.5 mm",
         memory.slices

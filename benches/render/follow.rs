@@ -28,7 +28,7 @@ struct Followed {
 }
 
 pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
-    let (look, region) = (&ready.look, ready.region);
+    let (view_settings, region) = (&ready.view_settings, ready.region);
     let mut ways = Vec::new();
     for (cache, threads) in [
         (Cache::TwoLevel, 2),
@@ -38,17 +38,17 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
         (Cache::TwoLevel, 1),
         (Cache::OneLevel, 1),
     ] {
-        let settings = RenderSettings { cache, threads, ..look.clone() };
+        let settings = RenderSettings { cache, threads, ..view_settings.clone() };
         ways.push(Way {
             name: format!("{}, {threads} thread{}", cache.name(), if threads == 1 { "" } else { "s" }),
             settings,
         });
     }
     // The correct results, untimed.
-    let mut plain = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, region)?;
+    let mut plain = Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, region)?;
     plain.update_all(ready.whole.volume());
     let exact = plain.picture();
-    let apart = reference::render(ready.whole.volume(), look, &region)?.difference(&exact);
+    let apart = reference::render(ready.whole.volume(), view_settings, &region)?.difference(&exact);
     if apart[0] > 1.0 / 255.0 {
         report.wrong(format!("{}: {} from the equations", case.title, apart[0]));
     }
@@ -56,7 +56,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     for (way, followed) in ways.iter().zip(&mut followed) {
         turns.push(Box::new(move || {
-            let run = follow(&way.settings, region, &ready.slices, ready.weaver()?)?;
+            let run = follow(&way.settings, region, &ready.slices, ready.reconstructor()?)?;
             let ms = run.ms.iter().map(|[insert, shade, rays]| insert + shade + rays).collect();
             followed.push(run);
             Ok(ms)
@@ -64,7 +64,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     }
     let times = interleaved(rounds, &mut turns)?;
     drop(turns);
-    tell(case, &ways, &followed, &times, apart, &exact, report);
+    report_all(case, &ways, &followed, &times, apart, &exact, report);
     Ok(())
 }
 
@@ -72,17 +72,17 @@ fn follow(
     settings: &RenderSettings,
     region: RenderRegion,
     slices: &[Slice],
-    weaver: PathReconstructor,
+    reconstructor: PathReconstructor,
 ) -> Result<Followed, Box<dyn Error>> {
-    let (mut weaver, mut renderer) = (weaver, Renderer::new(settings, region)?);
+    let (mut reconstructor, mut renderer) = (reconstructor, Renderer::new(settings, region)?);
     let mut ms = Vec::with_capacity(slices.len());
     for slice in slices {
         let began = Instant::now();
-        let touched = weaver.insert(slice)?;
+        let touched = reconstructor.insert(slice)?;
         let insert = began.elapsed();
         let updated = match &touched.slab {
-            Some(slab) => renderer.update_within(weaver.volume(), &touched.bricks, slab),
-            None => renderer.update(weaver.volume(), &touched.bricks),
+            Some(slab) => renderer.update_within(reconstructor.volume(), &touched.bricks, slab),
+            None => renderer.update(reconstructor.volume(), &touched.bricks),
         };
         ms.push([insert, updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
     }
@@ -90,7 +90,7 @@ fn follow(
     Ok(Followed { ms, work, cache, cache_bytes, picture: renderer.picture() })
 }
 
-fn tell(
+fn report_all(
     case: &Case,
     ways: &[Way],
     followed: &[Vec<Followed>],

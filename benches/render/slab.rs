@@ -85,9 +85,9 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     for (seen, direction) in
         [("face on", normal), ("edge on", edge), ("obliquely", normal + edge + 0.3 * directions[(axis + 2) % 3])]
     {
-        let look = RenderSettings { view: along(direction), ..ready.look.clone() };
-        let (times, found) = turns(ready, &look, &volumes, axis, rounds)?;
-        tell(seen, &times, &found, &mut table, report);
+        let view_settings = RenderSettings { view: along(direction), ..ready.view_settings.clone() };
+        let (times, found) = turns(ready, &view_settings, &volumes, axis, rounds)?;
+        report_all(seen, &times, &found, &mut table, report);
     }
     table.note("A change and its rays, the middle of all; shading is the same for all ways but the first, which shades everything.");
     table.note("Right: the picture is the bits of the one made at once of the same volume; of rays cast to their ends, the difference in grey levels.");
@@ -98,27 +98,29 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
 /// Runs all ways over both volumes in turns.
 fn turns(
     ready: &Ready,
-    look: &RenderSettings,
+    view_settings: &RenderSettings,
     volumes: &[Snapshot; 2],
     axis: usize,
     rounds: usize,
 ) -> Result<(Vec<Times>, Vec<Found>), Box<dyn Error>> {
     let mut expected: Vec<Picture> = Vec::new();
     for volume in volumes {
-        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.region)?;
+        let mut renderer =
+            Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, ready.region)?;
         renderer.update_all(volume);
         expected.push(renderer.picture());
     }
     let bricks = volumes[0].bricks_of_planes(axis);
     // Memory of pixels and rays without a cache.
-    let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.region)?.memory().rays;
+    let bare =
+        Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, ready.region)?.memory().rays;
     let mut found: Vec<Found> = Way::ALL.iter().map(|_| Found::default()).collect();
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     for (way, found) in Way::ALL.into_iter().zip(&mut found) {
         let (expected, bricks) = (&expected, &bricks);
         let settings = match way {
-            Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..look.clone() },
-            Way::Update(cache) => RenderSettings { cache, ..look.clone() },
+            Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..view_settings.clone() },
+            Way::Update(cache) => RenderSettings { cache, ..view_settings.clone() },
         };
         let mut kept = Renderer::new(&settings, ready.region)?;
         found.fits = kept.cache() == settings.cache;
@@ -149,7 +151,7 @@ fn turns(
     Ok((times, found))
 }
 
-fn tell(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report: &mut Report) {
+fn report_all(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report: &mut Report) {
     let of =
         |way: Way| Way::ALL.into_iter().zip(times.iter().zip(found)).find(|(w, _)| *w == way).map(|(_, both)| both);
     let Some((recast, _)) = of(Way::Recast) else { return };

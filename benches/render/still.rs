@@ -39,7 +39,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     for &(size, goal) in sizes {
         let settings = |side: u32| {
             let view = View { azimuth: f64::from(360 / SIDES * side), elevation: 25.0, ..View::default() };
-            RenderSettings { view, size, cache: Cache::None, ..ready.look.clone() }
+            RenderSettings { view, size, cache: Cache::None, ..ready.view_settings.clone() }
         };
         let mut ms = Vec::new();
         let mut work = RenderWork::default();

@@ -23,13 +23,15 @@ const EVERY: usize = 15;
 
 /// C11: the incremental picture equals that of the volume, and its cost depends on the changes.
 pub(crate) fn exact(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
-    let look = RenderSettings { threads: 2, ..doll.look.clone() };
+    let view_settings = RenderSettings { threads: 2, ..doll.view_settings.clone() };
     let mut compared = 0;
-    let followed = doll.follow_and(&look, |number, weaver, renderer, _| {
+    let followed = doll.follow_and(&view_settings, |number, reconstructor, renderer, _| {
         if number % EVERY == 0 {
-            let mut whole =
-                Renderer::new(&RenderSettings { cache: Cache::None, threads: 1, ..look.clone() }, doll.region)?;
-            whole.update_all(weaver.volume());
+            let mut whole = Renderer::new(
+                &RenderSettings { cache: Cache::None, threads: 1, ..view_settings.clone() },
+                doll.region,
+            )?;
+            whole.update_all(reconstructor.volume());
             compared += 1;
             report.check(
                 same_bits(&whole.picture(), &renderer.picture()),
@@ -38,7 +40,7 @@ pub(crate) fn exact(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Erro
         }
         Ok(())
     })?;
-    let (exact, all) = doll.at_once(&look)?;
+    let (exact, all) = doll.at_once(&view_settings)?;
     report.check(same_bits(&exact, &followed.picture), "C11: other bits in the end");
     let slices = followed.ms.len() as u64;
     let each = followed.work.samples / slices;
@@ -122,19 +124,19 @@ pub(crate) fn within(region: &RenderRegion, reach: f64) -> [[f64; 3]; 2] {
 pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
     // Everything is visible, so that every change shows.
     let transfer = Transfer::preset("xray", [0.0, 255.0])?;
-    let look = RenderSettings { cache: Cache::Linear, transfer, ..doll.look.clone() };
-    let camera = Camera::new(&look.view, look.size, look.step, &doll.region)?;
+    let view_settings = RenderSettings { cache: Cache::Linear, transfer, ..doll.view_settings.clone() };
+    let camera = Camera::new(&view_settings.view, view_settings.size, view_settings.step, &doll.region)?;
     let of_region = within(&doll.region, 1.0);
     let mut before = Vec::new();
     let mut sums = [[0; 2]; 3];
-    doll.follow_and(&look, |number, weaver, _, work| {
+    doll.follow_and(&view_settings, |number, reconstructor, _, work| {
         if number % EVERY == EVERY - 1 {
-            before = voxels(weaver.volume(), &doll.region);
+            before = voxels(reconstructor.volume(), &doll.region);
         }
         if number == 0 || number % EVERY > 0 {
             return Ok(());
         }
-        let Some([first, last]) = changed(&before, &voxels(weaver.volume(), &doll.region), &doll.region) else {
+        let Some([first, last]) = changed(&before, &voxels(reconstructor.volume(), &doll.region), &doll.region) else {
             return Err(format!("slice {number} changed nothing").into());
         };
         // A gradient reaches one voxel further, a cell another; a hundredth is for rounding.
@@ -185,8 +187,8 @@ fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
     let mut aside = low.map(|x| x + 10_000);
     aside[0] = high[0] + 10_000;
     let elsewhere = RenderRegion::new(doll.whole.world_from_lattice(), low.map(|x| x + 10_000), aside.map(|x| x + 50))?;
-    let mut beside = Renderer::new(&doll.look, elsewhere)?;
-    let mut parked = Renderer::new(&doll.look, doll.region)?;
+    let mut beside = Renderer::new(&doll.view_settings, elsewhere)?;
+    let mut parked = Renderer::new(&doll.view_settings, doll.region)?;
     parked.update_all(doll.whole.volume());
     let works = [beside.update_all(doll.whole.volume()).work, parked.update_all(doll.whole.volume()).work];
     for work in works {
@@ -200,7 +202,7 @@ fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
 
 /// The remainder of C18, C22 and C23.
 pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(), Box<dyn Error>> {
-    let on = |threads| RenderSettings { threads, ..doll.look.clone() };
+    let on = |threads| RenderSettings { threads, ..doll.view_settings.clone() };
     let mut ms = [Vec::new(), Vec::new()];
     for _ in 0..rounds {
         for (threads, ms) in [1, 2].into_iter().zip(&mut ms) {
@@ -225,20 +227,20 @@ pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(),
 }
 
 /// C22: a new view, coarse at once and refined while it is static.
-fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -> Result<(), Box<dyn Error>> {
-    let mut renderer = Renderer::new(look, doll.region)?;
+fn views(report: &mut Report, doll: &Doll, view_settings: &RenderSettings, rounds: u32) -> Result<(), Box<dyn Error>> {
+    let mut renderer = Renderer::new(view_settings, doll.region)?;
     renderer.update_all(doll.whole.volume());
     let (mut coarse, mut fine) = (Vec::new(), Vec::new());
     let mut off = [0.0_f64; 2];
     for round in 0..rounds {
-        let view = View { azimuth: look.view.azimuth + 60.0 * f64::from(round + 1), ..look.view };
+        let view = View { azimuth: view_settings.view.azimuth + 60.0 * f64::from(round + 1), ..view_settings.view };
         let began = Instant::now();
         renderer.set_view(view)?;
         coarse.push(began.elapsed().as_secs_f64() * 1e3);
         let reduced = renderer.picture();
         while !renderer.refine(Duration::from_millis(10)).finished {}
         fine.push(began.elapsed().as_secs_f64() * 1e3);
-        let (exact, _) = doll.at_once(&RenderSettings { view, ..look.clone() })?;
+        let (exact, _) = doll.at_once(&RenderSettings { view, ..view_settings.clone() })?;
         report.check(same_bits(&exact, &renderer.picture()), "C22: a refined picture is not the one made at once");
         off = reduced.difference(&exact);
         report.check(
@@ -260,18 +262,19 @@ fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -
 }
 
 /// C23: slices arrive at their own times, independent of the picture.
-fn open_loop(report: &mut Report, doll: &Doll, look: &RenderSettings) -> Result<(), Box<dyn Error>> {
-    let (mut weaver, mut renderer) = (doll.weaver(look.threads)?, Renderer::new(look, doll.region)?);
+fn open_loop(report: &mut Report, doll: &Doll, view_settings: &RenderSettings) -> Result<(), Box<dyn Error>> {
+    let (mut reconstructor, mut renderer) =
+        (doll.reconstructor(view_settings.threads)?, Renderer::new(view_settings, doll.region)?);
     let began = Instant::now();
     let mut late = Vec::new();
     for (number, slice) in doll.slices.iter().enumerate() {
         let due = began + Duration::from_secs_f64(number as f64 / RATE);
         sleep(due.saturating_duration_since(Instant::now()));
-        let touched = weaver.insert(slice)?;
-        show(&mut renderer, &weaver, &touched);
+        let touched = reconstructor.insert(slice)?;
+        show(&mut renderer, &reconstructor, &touched);
         late.push(due.elapsed().as_secs_f64() * 1e3);
     }
-    let (exact, _) = doll.at_once(look)?;
+    let (exact, _) = doll.at_once(view_settings)?;
     report.check(same_bits(&exact, &renderer.picture()), "C23: other bits than the volume's");
     let [median, most] = [0.5, 0.99].map(|q| quantile(&late, q));
     report.claim(

@@ -64,7 +64,7 @@ fn kernels() -> Result<[AxisKernel; 2], KernelError> {
     Ok([method.in_plane(SIGMA, end, 1.0 / FINE as f64)?, AxisKernel::new(method, SIGMA, end)?])
 }
 
-pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
+pub(crate) fn means(coverage: Coverage) -> Result<Means, KernelError> {
     let [g, across] = kernels()?;
     let [nx, ny, nz] = SIZE;
     let [us, vs] = [nz * FINE, ny * FINE].map(|n| (0..n).map(|i| i as f64 / FINE as f64 - 0.25).collect::<Vec<_>>());
@@ -134,11 +134,11 @@ mod tests {
     #[test]
     fn two_stages_equal_3d_sum_column_weight_needs_full_coverage() {
         for coverage in [Coverage::Full, Coverage::Parts, Coverage::Fan] {
-            let woven = weave(coverage).unwrap();
-            assert!(apart(&woven.staged, &woven.direct) < 1e-12, "{coverage:?}");
-            let column = apart(&woven.column, &woven.direct);
+            let found = means(coverage).unwrap();
+            assert!(apart(&found.staged, &found.direct) < 1e-12, "{coverage:?}");
+            let column = apart(&found.column, &found.direct);
             assert_eq!(column < 1e-12, coverage == Coverage::Full, "{coverage:?}: {column}");
-            assert!(woven.direct.iter().flatten().all(|v| (59.9..181.0).contains(v)));
+            assert!(found.direct.iter().flatten().all(|v| (59.9..181.0).contains(v)));
         }
     }
 }
