@@ -18,12 +18,12 @@ use volume::lattice::{Shifted, canonical, shift};
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
-use crate::cli::render::look::Look;
 use crate::cli::render::planar::Draw;
+use crate::cli::render::view_flags::ViewFlags;
 
 /// Renders after each slice.
 pub(super) struct Following<'a> {
-    look: &'a Look,
+    look: &'a ViewFlags,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
@@ -48,14 +48,14 @@ struct Begun {
 
 impl Begun {
     /// Returns the present picture and the data for annotations.
-    fn over<'a>(&'a self, look: &Look) -> Over<'a> {
+    fn over<'a>(&'a self, look: &ViewFlags) -> Over<'a> {
         let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
         Over { renderer: &self.renderer, background: look.background, slice }
     }
 }
 
 impl<'a> Following<'a> {
-    pub(super) fn new(look: &'a Look, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
+    pub(super) fn new(look: &'a ViewFlags, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
         Self {
             look,
             window,

@@ -18,8 +18,8 @@ use volume::lattice::{Shifted, canonical};
 
 use super::series::Series;
 use crate::cli::Failure;
-use crate::cli::render::look::Look;
 use crate::cli::render::planar::SheetNumbers;
+use crate::cli::render::view_flags::ViewFlags;
 
 /// Source of the planes' values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -33,7 +33,7 @@ pub(super) enum Source {
 
 /// Draws planes. The volume is sampled only when a picture is due.
 pub(super) struct Planes<'a> {
-    look: &'a Look,
+    look: &'a ViewFlags,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
@@ -74,7 +74,7 @@ pub(super) struct PlanesStatistics {
 
 impl<'a> Planes<'a> {
     pub(super) fn new(
-        look: &'a Look,
+        look: &'a ViewFlags,
         window: Option<[f32; 2]>,
         threads: usize,
         series: Option<Series>,
