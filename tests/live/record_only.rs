@@ -41,7 +41,7 @@ fn received_samples_equal_a_walk_through_the_recording() {
     let disk = Memory::default();
     let grabber = Script::new("a grabber", video(), of_frames);
     let set = Set::of(tracker, grabber).recorded(disk.clone(), WriterOptions::new("a test"), 0);
-    let (heard, account) = set.record_only();
+    let (received, account) = set.record_only();
     assert_eq!((account.ledger.frames.total, account.ledger.frames.used, account.ledger.frames.waiting), (60, 59, 0));
     assert_eq!(account.ledger.frames.refused.values().sum::<u64>(), 1, "{}", account.ledger);
     assert_eq!(account.ledger.readings[0].used, poses, "{}", account.ledger);
@@ -51,9 +51,9 @@ fn received_samples_equal_a_walk_through_the_recording() {
     let mut walked = Vec::new();
     walk(file.path(), true, instruments().into(), Latencies::Given, |device, live| walked.push((device, live)))
         .unwrap();
-    let [heard, walked]: [Vec<_>; 2] = [&heard, &walked].map(|all| all.iter().filter_map(short).collect());
-    assert_eq!(heard.len() as u64, 59 + poses);
-    assert_eq!(heard, walked);
-    let times: Vec<i64> = heard.iter().filter(|(device, ..)| *device == 1).map(|(_, time_ns, _)| *time_ns).collect();
+    let [received, walked]: [Vec<_>; 2] = [&received, &walked].map(|all| all.iter().filter_map(short).collect());
+    assert_eq!(received.len() as u64, 59 + poses);
+    assert_eq!(received, walked);
+    let times: Vec<i64> = received.iter().filter(|(device, ..)| *device == 1).map(|(_, time_ns, _)| *time_ns).collect();
     assert!(times.windows(2).all(|two| two[0] < two[1]) && times[58] - times[0] > SECOND, "{times:?}");
 }

@@ -120,7 +120,7 @@ impl ViewClient for Album {
 }
 
 /// Returns the frames' outcomes without losses before arrival, which a recording lacks.
-fn fates(finished: &Finished) -> Frames {
+fn outcomes(finished: &Finished) -> Frames {
     Frames { lost: 0, ..finished.account.ledger.frames.clone() }
 }
 
@@ -132,7 +132,7 @@ fn replay_repeats_decisions_for_any_threads_and_speed() {
     for (threads, pace) in [(1, Pace::Unpaced), (3, Pace::Unpaced), (2, Pace::Factor(3.0))] {
         let (replayed, precedent) = again(&disk, WAIT, pace, false, |session, _| session.settings.threads = threads);
         assert_eq!(precedent.differences().first, None);
-        assert_eq!(fates(&replayed), fates(&live));
+        assert_eq!(outcomes(&replayed), outcomes(&live));
         assert_eq!(replayed.account.ledger.first_refusals, live.account.ledger.first_refusals);
         let [one, other] = [&replayed, &live].map(|finished| &finished.account.ledger.readings[0]);
         assert_eq!((one.total, one.used, &one.refused), (other.total, other.used, &other.refused));
@@ -149,8 +149,8 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
     let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60));
     let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn ViewClient>), ..set };
     let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
-    let woven = finished.account.ledger.frames.used;
-    assert!(live.slices().len() > 5 && live.slices().last() == Some(&woven), "{:?}", live.slices());
+    let inserted = finished.account.ledger.frames.used;
+    assert!(live.slices().len() > 5 && live.slices().last() == Some(&inserted), "{:?}", live.slices());
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
         let (_, precedent) = again(&disk, WAIT, pace, false, |session, _| {
@@ -161,11 +161,11 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
         album
     };
     let each = run(1, 1, Pace::Unpaced);
-    assert_eq!(each.slices(), (1..=woven).collect::<Vec<_>>());
+    assert_eq!(each.slices(), (1..=inserted).collect::<Vec<_>>());
     let some = run(7, 3, Pace::Factor(4.0));
     assert_eq!(
         some.slices(),
-        (7..=woven).step_by(7).chain([woven]).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()
+        (7..=inserted).step_by(7).chain([inserted]).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()
     );
     let each = each.pictures.lock().unwrap();
     for album in [&live, &some] {
@@ -173,7 +173,7 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
             assert!(each[slices] == *picture, "after {slices} slices");
         }
     }
-    assert!(each[&(woven / 2)] != each[&woven], "pictures show what came since");
+    assert!(each[&(inserted / 2)] != each[&inserted], "pictures show what came since");
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn dropped_frames_drop_again_or_are_used_on_request() {
     assert!(dropped > 10 && frames.used > 5, "{}", live.account.ledger);
     let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |_, _| {});
     assert_eq!((precedent.differences().first, precedent.dropped()), (None, dropped));
-    assert_eq!((fates(&replayed), &replayed.seal), (fates(&live), &live.seal));
+    assert_eq!((outcomes(&replayed), &replayed.seal), (outcomes(&live), &live.seal));
     let (all, precedent) = again(&disk, SECOND, Pace::Unpaced, true, |_, _| {});
     assert_eq!(precedent.differences().first, None, "what was asked for is no difference");
     assert_eq!(all.account.ledger.frames.used, frames.used + dropped);
