@@ -204,11 +204,6 @@ impl<'a> Entry<'a> {
         self.value.as_str()
     }
 
-    /// Returns whether it is a list; for keys that take other types too.
-    pub fn is_list(&self) -> bool {
-        self.value.as_array().is_some()
-    }
-
     /// Returns a boolean.
     pub fn truth(&self) -> Result<bool, FileError> {
         self.value.as_bool().ok_or_else(|| self.wrong("true or false"))

@@ -41,6 +41,16 @@ enum Active {
     Planar(Box<PlanarReconstructor>),
 }
 
+/// Calls a method that both paths have.
+macro_rules! either {
+    ($self:ident, $r:ident => $call:expr) => {
+        match &$self.active {
+            Active::General($r) => $call,
+            Active::Planar($r) => $call,
+        }
+    };
+}
+
 impl PathReconstructor {
     /// Creates it on the general path.
     ///
@@ -105,43 +115,28 @@ impl PathReconstructor {
 
     /// The volume so far.
     pub fn volume(&self) -> &dyn Voxels {
-        match &self.active {
-            Active::General(r) => r.volume(),
-            Active::Planar(r) => r.volume(),
-        }
+        either!(self, r => r.volume())
     }
 
     /// Maps voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        match &self.active {
-            Active::General(r) => r.world_from_lattice(),
-            Active::Planar(r) => r.world_from_lattice(),
-        }
+        either!(self, r => r.world_from_lattice())
     }
 
     /// The settings in use; on the planar path, with the lattice's direction as found by the
     /// first slice.
     pub fn settings(&self) -> &Settings {
-        match &self.active {
-            Active::General(r) => r.settings(),
-            Active::Planar(r) => r.settings(),
-        }
+        either!(self, r => r.settings())
     }
 
     /// Kernels along u, v and the normal, once the first slice has given the pixel size.
     pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
-        match &self.active {
-            Active::General(r) => r.kernels(),
-            Active::Planar(r) => r.kernels(),
-        }
+        either!(self, r => r.kernels())
     }
 
     /// Pixel size along u and v in mm, once known.
     pub fn pixel_mm(&self) -> Option<[f64; 2]> {
-        match &self.active {
-            Active::General(r) => r.pixel_mm(),
-            Active::Planar(r) => r.pixel_mm(),
-        }
+        either!(self, r => r.pixel_mm())
     }
 
     /// Node spacing of the filtered image in pixels, and the bound on its samples' deviation
@@ -156,9 +151,6 @@ impl PathReconstructor {
 
     /// Work done so far.
     pub fn work(&self) -> Work {
-        match &self.active {
-            Active::General(r) => r.work(),
-            Active::Planar(r) => r.work(),
-        }
+        either!(self, r => r.work())
     }
 }

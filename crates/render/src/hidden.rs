@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::layers::Image;
+use super::layers::{Channels, channels};
 use super::rays::composite::CompositeMode;
 use super::rays::line::Line;
 use super::rays::run::{RUN, Run};
@@ -32,10 +32,7 @@ impl Renderer {
         let [low, high] = self.region().bounds().map(|at| std::array::from_fn(|a| at[a] - self.region().first()[a]));
         // Not negative, and at most the camera's number of samples.
         let line = Line::new(&ray, low, high, samples.ceil() as u32);
-        match self.image() {
-            Image::Grey(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
-            Image::Colour(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
-        }
+        channels!(self.image(), layers => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples))
     }
 }
 

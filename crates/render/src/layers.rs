@@ -15,10 +15,23 @@ use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 
 /// One channel for grey light, three for coloured light.
-pub(super) enum Image {
-    Grey(Layers<1>),
-    Colour(Layers<3>),
+pub(super) enum Channels<G, C> {
+    Grey(G),
+    Colour(C),
 }
+
+/// Runs the same code for either number of channels.
+macro_rules! channels {
+    ($image:expr, $layers:ident => $call:expr) => {
+        match $image {
+            Channels::Grey($layers) => $call,
+            Channels::Colour($layers) => $call,
+        }
+    };
+}
+pub(super) use channels;
+
+pub(super) type Image = Channels<Layers<1>, Layers<3>>;
 
 pub(super) struct Layers<const C: usize> {
     pub(super) voxels: Voxels<C>,
@@ -29,10 +42,7 @@ pub(super) struct Layers<const C: usize> {
 
 impl Image {
     pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
-        match self {
-            Self::Grey(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-            Self::Colour(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-        }
+        channels!(self, layers => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)));
     }
 }
 

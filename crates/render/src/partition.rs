@@ -20,6 +20,7 @@ use super::RenderError;
 use super::camera::Camera;
 use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
+use super::layers::{Channels, channels};
 use super::mode::Mode;
 use super::picture::Picture;
 use super::rays::composite::{Accumulated, Fold};
@@ -46,7 +47,7 @@ pub struct Part {
     simd: Simd,
     /// Lattice indices of the first and last voxel that it needs.
     region: [[i64; 3]; 2],
-    image: Image<PartLayers<1>, PartLayers<3>>,
+    image: Channels<PartLayers<1>, PartLayers<3>>,
 }
 
 /// Composites the messages of the parts into the picture.
@@ -55,13 +56,7 @@ pub struct Compositor {
     mode: Mode,
     transfer: Transfer,
     fold: Fold,
-    image: Image<Received<1>, Received<3>>,
-}
-
-/// One channel for grey light, three for coloured light.
-enum Image<G, C> {
-    Grey(G),
-    Colour(C),
+    image: Channels<Received<1>, Received<3>>,
 }
 
 /// Message of a part after a change.
@@ -98,8 +93,8 @@ impl Part {
         low[2] = low[2].max(region.first()[2] + cuts[0] - reach);
         high[2] = high[2].min(region.first()[2] + cuts[1] + reach);
         let image = match shader.is_grey() {
-            true => Image::Grey(PartLayers::new(&camera, region, settings, fold, cuts)),
-            false => Image::Colour(PartLayers::new(&camera, region, settings, fold, cuts)),
+            true => Channels::Grey(PartLayers::new(&camera, region, settings, fold, cuts)),
+            false => Channels::Colour(PartLayers::new(&camera, region, settings, fold, cuts)),
         };
         Ok(Self {
             width: settings.size[0],
@@ -137,16 +132,12 @@ impl Part {
         }
         let voxels = self.snapshot.dilated(&changed);
         let (snapshot, shader, simd) = (&self.snapshot, &self.shader, self.simd);
-        message.work.voxels_shaded = match &mut self.image {
-            Image::Grey(layers) => layers.voxels.update(snapshot, &voxels, shader, simd, Sharing::Alone, &mut dirty),
-            Image::Colour(layers) => layers.voxels.update(snapshot, &voxels, shader, simd, Sharing::Alone, &mut dirty),
-        };
+        message.work.voxels_shaded = channels!(&mut self.image, layers => {
+            layers.voxels.update(snapshot, &voxels, shader, simd, Sharing::Alone, &mut dirty)
+        });
         self.marks.set(&dirty, None);
         let width = self.width;
-        match &mut self.image {
-            Image::Grey(layers) => layers.cast(&self.marks, shader, width, self.fold, simd, &mut message),
-            Image::Colour(layers) => layers.cast(&self.marks, shader, width, self.fold, simd, &mut message),
-        }
+        channels!(&mut self.image, layers => layers.cast(&self.marks, shader, width, self.fold, simd, &mut message));
         message
     }
 }
@@ -240,8 +231,8 @@ impl Compositor {
         let fold = settings.fold(camera.samples())?;
         let (mode, transfer) = (settings.mode, settings.transfer.clone());
         let image = match mode.is_grey(&transfer) {
-            true => Image::Grey(Received::new(&camera, fold)),
-            false => Image::Colour(Received::new(&camera, fold)),
+            true => Channels::Grey(Received::new(&camera, fold)),
+            false => Channels::Colour(Received::new(&camera, fold)),
         };
         Ok(Self { size: settings.size, mode, transfer, fold, image })
     }
@@ -252,18 +243,15 @@ impl Compositor {
     /// [`RenderError::Message`] for bytes that no part of this picture sends; the picture then
     /// stays unchanged.
     pub fn receive(&mut self, bytes: &[u8]) -> Result<u64, RenderError> {
-        match &mut self.image {
-            Image::Grey(folded) => folded.receive(bytes, self.fold),
-            Image::Colour(folded) => folded.receive(bytes, self.fold),
-        }
+        channels!(&mut self.image, received => received.receive(bytes, self.fold))
     }
 
     /// Returns the current picture.
     pub fn picture(&self) -> Picture {
         let pixel = |colour, transmittance| self.mode.pixel(colour, transmittance, &self.transfer);
         let pixels = match &self.image {
-            Image::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
-            Image::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
+            Channels::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
+            Channels::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
         };
         Picture { size: self.size, pixels }
     }

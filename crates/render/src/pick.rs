@@ -13,7 +13,7 @@
 use glam::DVec3;
 
 use super::classify::shade::Lit;
-use super::layers::Image;
+use super::layers::{Channels, channels};
 use super::rays::composite::CompositeMode;
 use super::rays::line::Line;
 use super::rays::run::{RUN, Run};
@@ -50,10 +50,9 @@ impl Renderer {
         let [low, high] = self.region().bounds().map(|at| std::array::from_fn(|a| at[a] - self.region().first()[a]));
         let line = Line::new(&ray, low, high, camera.samples());
         let composite_mode = self.fold().composite_mode;
-        let depth = match self.image() {
-            Image::Grey(layers) => depth(&Sampler::new(&layers.voxels, self.shader()), &line, composite_mode),
-            Image::Colour(layers) => depth(&Sampler::new(&layers.voxels, self.shader()), &line, composite_mode),
-        }?;
+        let depth = channels!(self.image(), layers => {
+            depth(&Sampler::new(&layers.voxels, self.shader()), &line, composite_mode)
+        })?;
         let to_world = self.region().world_from_region();
         let place = |[i, j]: [f64; 2]| {
             let ray = camera.ray_through([i, j]);

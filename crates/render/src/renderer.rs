@@ -14,7 +14,7 @@ use super::camera::{Camera, View};
 use super::classify::light::Light;
 use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
-use super::layers::{Image, Layers};
+use super::layers::{Channels, Image, Layers, channels};
 use super::mode::{Mode, VoxelData};
 use super::picture::Picture;
 use super::rays::composite::Fold;
@@ -81,16 +81,6 @@ pub struct Renderer {
     missed: Option<BTreeSet<BrickIndex>>,
 }
 
-/// Calls a method of a picture in its number of channels.
-macro_rules! layers {
-    ($image:expr, $layers:ident => $call:expr) => {
-        match $image {
-            Image::Grey($layers) => $call,
-            Image::Colour($layers) => $call,
-        }
-    };
-}
-
 /// Builds the context of a renderer and its threads.
 macro_rules! context {
     ($renderer:ident, $sharing:ident) => {
@@ -123,10 +113,10 @@ impl Renderer {
             true => Image::Grey(Layers::new(&camera, &region, settings)),
             false => Image::Colour(Layers::new(&camera, &region, settings)),
         };
-        let cache_choice = layers!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
+        let cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
         image.keep(cache_choice.cache, fold);
         if settings.adaptive > 0.0 {
-            layers!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive)));
+            channels!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive)));
         }
         Ok(Self {
             settings: settings.clone(),
@@ -227,7 +217,7 @@ impl Renderer {
             let simd = self.settings.simd;
             let voxels = self.snapshot.dilated(&self.changed);
             let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
-            work.voxels_shaded += layers!(&mut self.image, layers => {
+            work.voxels_shaded += channels!(&mut self.image, layers => {
                 layers.voxels.update(snapshot, &voxels, shader, simd, sharing, dirty)
             });
             let shade = began.elapsed();
@@ -236,7 +226,7 @@ impl Renderer {
             debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
             self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
             let (context, cache) = (context!(self, sharing), self.cache_choice.cache);
-            work += layers!(&mut self.image, layers => layers.follow(&self.dirty, context, cache));
+            work += channels!(&mut self.image, layers => layers.follow(&self.dirty, context, cache));
             (shade, began.elapsed() - shade)
         });
         self.changed.clear();
@@ -266,7 +256,7 @@ impl Renderer {
         let pool = self.pool.clone();
         let work = Sharing::within(pool.as_deref(), |sharing| {
             let context = context!(self, sharing);
-            layers!(&mut self.image, layers => {
+            channels!(&mut self.image, layers => {
                 layers.turn(context, epsilon, relight);
                 if visible { layers.begin(context) } else { RenderWork::default() }
             })
@@ -287,7 +277,7 @@ impl Renderer {
             let context = context!(self, sharing);
             let cache_choice = &mut self.cache_choice;
             let visible = self.missed.is_none();
-            layers!(&mut self.image, layers => loop {
+            channels!(&mut self.image, layers => loop {
                 let spacing = layers.spacing();
                 if spacing.is_none() || !visible {
                     break spacing;
@@ -399,7 +389,7 @@ impl Renderer {
 
     /// Returns the memory in use.
     pub fn memory(&self) -> RenderMemory {
-        let (shaded, rays) = layers!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
+        let (shaded, rays) = channels!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
         RenderMemory { voxels: self.snapshot.bytes() + shaded, rays }
     }
 
