@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::sync::Arc;
+use volume::Voxels;
 
 use glam::{DAffine3, DMat3, DVec3};
 

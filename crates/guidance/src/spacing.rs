@@ -13,6 +13,7 @@
 //! Beyond that it has no gaps, but is thin.
 
 use serde::Serialize;
+use volume::Voxels;
 
 use reconstruct::kernel::{AxisKernel, KernelError};
 use reconstruct::settings::Settings;

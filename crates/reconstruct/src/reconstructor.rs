@@ -9,7 +9,7 @@ use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::slice::Slice;
 use volume::brick::BrickIndex;
 use volume::brick_volume::Epoch;
-use volume::{BrickVolume, Prism};
+use volume::{BrickVolume, Prism, Voxels};
 
 use super::admission::Admission;
 use super::compounding::{Compounding, Entry, StampClock};

@@ -162,14 +162,6 @@ impl BrickVolume {
         self.places.is_empty()
     }
 
-    /// Bytes used: bricks, tables and positions. Memory prepared in advance comes on top, at
-    /// most 32 MiB.
-    pub fn bytes(&self) -> u64 {
-        let bricks = self.places.len() * self.brick_bytes() as usize;
-        let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
-        (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
-    }
-
     /// The slot of a brick, if it exists.
     #[inline]
     pub fn find(&self, index: BrickIndex) -> Option<Slot> {
@@ -291,9 +283,10 @@ impl BrickVolume {
             _ => (r, w),
         }
     }
+}
 
-    /// Numerator and weight of one voxel of the lattice; zeros if there is no brick.
-    pub fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
+impl Voxels for BrickVolume {
+    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
         let mut brick = [0_i32; 3];
         for (b, v) in brick.iter_mut().zip(voxel) {
             match i32::try_from(v.div_euclid(EDGE as i64)) {
@@ -308,12 +301,7 @@ impl BrickVolume {
         self.reading(slot)(brick.r[place], brick.w[place])
     }
 
-    /// Reads numerators and weights of the voxels from `start` along x, as many as `r` and `w`
-    /// hold; zeros if there is no brick.
-    ///
-    /// # Panics
-    /// When `r` and `w` differ in length.
-    pub fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
         assert_eq!(r.len(), w.len());
         let edge = EDGE as i64;
         let [y, z] = [start[1], start[2]].map(|v| v.rem_euclid(edge) as usize);
@@ -346,9 +334,20 @@ impl BrickVolume {
         }
     }
 
-    /// Smallest and largest lattice index of the seen voxels, both inclusive; `None` when
-    /// nothing was seen.
-    pub fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
+    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
+        let Some(slot) = self.find(block) else {
+            r.fill(0.0);
+            w.fill(0.0);
+            return;
+        };
+        let (brick, reading) = (self.brick(slot), self.reading(slot));
+        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
+            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
+            (*r, *w) = reading(brick.r[place], brick.w[place]);
+        }
+    }
+
+    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
         let mut lowest = [i64::MAX; 3];
         let mut highest = [i64::MIN; 3];
         for (place, brick) in self.iter() {
@@ -371,40 +370,16 @@ impl BrickVolume {
         }
         (lowest[0] <= highest[0]).then_some((lowest, highest))
     }
-}
-
-impl Voxels for BrickVolume {
-    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
-        Self::voxel(self, voxel)
-    }
-
-    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
-        Self::row(self, start, r, w);
-    }
-
-    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
-        let Some(slot) = self.find(block) else {
-            r.fill(0.0);
-            w.fill(0.0);
-            return;
-        };
-        let (brick, reading) = (self.brick(slot), self.reading(slot));
-        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
-            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
-            (*r, *w) = reading(brick.r[place], brick.w[place]);
-        }
-    }
-
-    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
-        Self::seen_bounds(self)
-    }
 
     fn blocks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
         Box::new(self.places.iter().copied())
     }
 
+    /// Memory prepared in advance comes on top, at most 32 MiB.
     fn bytes(&self) -> u64 {
-        Self::bytes(self)
+        let bricks = self.places.len() * self.brick_bytes() as usize;
+        let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
+        (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
     }
 }
 

@@ -1,6 +1,7 @@
 //! Tests of selecting compounding: against the equations, in any order.
 
 use phantom::scene::Blobs;
+use volume::Voxels;
 
 use super::super::kernel::AxisKernel;
 use super::*;

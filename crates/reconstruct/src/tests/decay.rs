@@ -2,6 +2,7 @@
 //! mode.
 
 use phantom::scene::{Blobs, Ramp};
+use volume::Voxels;
 
 use super::super::decay::LEAST_TOUCH;
 use super::*;
