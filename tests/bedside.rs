@@ -71,7 +71,7 @@ fn run<P: Protocol, T: Peer + 'static>(
     let mut set_up = 0;
     let mut pictures = LiveIngest::new(Gives::Pictures, grabber.describe().timing, VIDEO_LATENCY);
     let calibration = bedside.scan().probe_from_image().to_rows();
-    let mut stage = TimedPairing::new(TimedOptions {
+    let mut region = TimedPairing::new(TimedOptions {
         pairing: PairingOptions {
             statics: vec![StaticTransform::new("Image", "Probe", &calibration).unwrap()],
             ..PairingOptions::default()
@@ -93,14 +93,14 @@ fn run<P: Protocol, T: Peer + 'static>(
                 live.set_up(timing);
             }
             if let Live::Pose { source, sample, .. } = live.take(reading) {
-                stage.pose(source, sample);
+                region.pose(source, sample);
             }
         }
         while let Next::Reading(reading) = grabber.next(clock.now_ns()).unwrap() {
             if let Live::Picture { picture, timed } = pictures.take(reading) {
                 let sonoweave_core::slice::Pixels::U8(pixels) = picture.image.pixels() else { panic!("8 bits") };
                 let seen_ns = i64::from_le_bytes(pixels[..8].try_into().unwrap());
-                let crowded = stage.frame(FrameTime::new(&timed, SIZE), clock.now_ns(), seen_ns);
+                let crowded = region.frame(FrameTime::new(&timed, SIZE), clock.now_ns(), seen_ns);
                 assert!(crowded.is_none(), "the queue is long enough");
             }
         }
@@ -109,7 +109,7 @@ fn run<P: Protocol, T: Peer + 'static>(
             poses.advance(now);
         }
         pictures.advance(now);
-        while let Some(ready) = stage.next(now) {
+        while let Some(ready) = region.next(now) {
             answered.push((ready.payload, ready));
         }
     }

@@ -56,7 +56,7 @@ fn samples_and_frames_allocate_nothing() {
     let uncounted = timing(Ticks::None, 60.0);
     let mut clocks = [counted, uncounted].map(|timing| ClockMap::new(ClockSettings::new(&timing, 0)));
     let rows = [0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-    let mut stage = TimedPairing::new(TimedOptions {
+    let mut region = TimedPairing::new(TimedOptions {
         pairing: PairingOptions {
             statics: vec![StaticTransform::new("Image", "Probe", &rows).unwrap()],
             ..PairingOptions::default()
@@ -92,7 +92,7 @@ fn samples_and_frames_allocate_nothing() {
             let pose =
                 Rigid { rotation: DQuat::from_rotation_x(n as f64 * 1e-4), position_mm: DVec3::X * n as f64 * 0.1 };
             let (time_ns, bound_ns, flags) = (timed.time_ns, timed.bound_ns, timed.flags);
-            stage.pose(source, PoseSample { time_ns, bound_ns, flags, pose, invalid: None });
+            region.pose(source, PoseSample { time_ns, bound_ns, flags, pose, invalid: None });
         }
         clocks.iter_mut().for_each(|clock| {
             clock.advance(at);
@@ -100,9 +100,9 @@ fn samples_and_frames_allocate_nothing() {
         });
         if n % 8 == 0 {
             let frame = FrameTime { time_ns: at - 20 * MS, bound_ns: MS, flags: Default::default(), size: [640, 480] };
-            stage.frame(frame, at, ());
+            region.frame(frame, at, ());
         }
-        while let Some(ready) = stage.next(at) {
+        while let Some(ready) = region.next(at) {
             match ready.answer {
                 Ok(_) => placed += 1,
                 Err(_) => refused += 1,

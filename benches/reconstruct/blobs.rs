@@ -2,6 +2,7 @@
 //! known truth: speed and error.
 
 use std::error::Error;
+use volume::Voxels;
 
 use glam::DVec3;
 

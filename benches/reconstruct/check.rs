@@ -101,14 +101,14 @@ pub(crate) fn against_equations(
     Ok(Deviation::over(pairs, [0.1, 10.0].map(|part| part * promised * 255.0)))
 }
 
-/// Returns the values of a volume on cubes spread evenly over its blocks, with those that `weave`
+/// Returns the values of a volume on cubes spread evenly over its blocks, with those that `insert`
 /// inserts into a reference there. Weights may deviate by the relative error `promised`.
 pub(crate) fn against_sums(
     volume: &dyn Voxels,
     settings: &Settings,
     world_from_lattice: Transform<World, Volume>,
     promised: f64,
-    weave: impl Fn(&mut Reference),
+    insert: impl Fn(&mut Reference),
 ) -> impl Iterator<Item = (Option<f64>, Option<f64>)> {
     let mut pairs = Vec::new();
     // Blocks come in the order of the sweep. A regular stride may select only blocks at its
@@ -125,7 +125,7 @@ pub(crate) fn against_sums(
             size: [CUBE as u64; 3],
         };
         let mut reference = Reference::new(grid);
-        weave(&mut reference);
+        insert(&mut reference);
         for (i, expected) in reference.w.iter().enumerate() {
             let at = i as i64;
             let (x, y, z) = (at % CUBE, at / CUBE % CUBE, at / (CUBE * CUBE));

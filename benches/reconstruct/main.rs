@@ -113,16 +113,16 @@ fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dy
 
     let mut report = report::Report::new();
     // Memory is measured first, while the process is small.
-    let wanted = |section: &str| only.is_none_or(|only| only == section);
-    let memory = if wanted("memory") { Some(memory::measure(effort)?) } else { None };
+    let requested = |section: &str| only.is_none_or(|only| only == section);
+    let memory = if requested("memory") { Some(memory::measure(effort)?) } else { None };
     let sections = [recording::bench, blobs::bench, cube::bench, planar::bench, filling::bench];
     for (name, bench) in SECTIONS.into_iter().zip(sections) {
-        if wanted(name) {
+        if requested(name) {
             bench(effort, &mut report)?;
         }
     }
     if let Some(memory) = memory {
-        memory::tell(&memory, &mut report);
+        memory::report(&memory, &mut report);
     }
 
     let machine: Value = json!({

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::sync::Arc;
+use volume::Voxels;
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -75,7 +76,7 @@ fn resident() -> Option<f64> {
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kib| kib * 1024.0)
 }
 
-pub(crate) fn tell(memory: &Memory, report: &mut Report) {
+pub(crate) fn report(memory: &Memory, report: &mut Report) {
     let title = format!(
         "Memory after {} slices of {PIXELS}×{PIXELS} pixels of {PIXEL_MM} mm, {GAP_MM} mm apart along (1,1,1), voxels of 0.5 mm",
         memory.slices

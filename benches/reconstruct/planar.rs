@@ -50,7 +50,7 @@ const AXIS_DISTANCE_MM: f64 = 100.0;
 /// maximum over voxels.
 const ROUNDING: [f64; 2] = [2e-6, 1e-5];
 
-fn woven(settings: &Settings, mask: &Mask, slices: &[Slice]) -> Result<PlanarReconstructor, Box<dyn Error>> {
+fn by_columns(settings: &Settings, mask: &Mask, slices: &[Slice]) -> Result<PlanarReconstructor, Box<dyn Error>> {
     let mut reconstructor = PlanarReconstructor::new(settings.clone(), PlanarSettings::default(), mask.clone())?;
     for slice in slices {
         reconstructor.insert(slice)?;
@@ -104,7 +104,7 @@ fn bench_case(case: &Case, effort: Effort, report: &mut Report) -> Result<(), Bo
     })?;
     let slices = scan.slices(0..scan.frames());
     let mask = &Mask::full(case.pixels[0], case.pixels[1]);
-    let columns = woven(&Settings::new(DVec3::splat(case.spacing_mm)), mask, &slices)?;
+    let columns = by_columns(&Settings::new(DVec3::splat(case.spacing_mm)), mask, &slices)?;
     // Uses the lattice that the planar path selects itself.
     let one = columns.settings().clone();
     let two = Settings { threads: 2, ..one.clone() };

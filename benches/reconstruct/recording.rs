@@ -114,7 +114,7 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
         row.extend(verdict);
         table.row(row);
     }
-    table.note("All in: in-plane filtering, new bricks, weaving; file reading excluded. \"first\" is the first frame of a run,");
+    table.note("All in: in-plane filtering, new bricks, insertion; file reading excluded. \"first\" is the first frame of a run,");
     table.note("which also designs the filter. IGSIO (commit 9caba694, -O3 -march=native, 1 thread) was measured on 2 cores of a Xeon at");
     table.note("3.0 GHz with AVX-512, and pastes all 820×616 pixels. Deviations, grey levels: ours from the equations in f64 at sampled");
     table.note("voxels, the baselines' from each pixel by itself in f64 at all voxels.");

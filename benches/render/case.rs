@@ -85,10 +85,10 @@ pub(crate) struct Ready {
     pub(crate) slices: Vec<Slice>,
     /// The volume of all slices.
     pub(crate) whole: PathReconstructor,
-    pub(crate) stage: RenderRegion,
-    pub(crate) look: RenderSettings,
+    pub(crate) region: RenderRegion,
+    pub(crate) view_settings: RenderSettings,
     scan: Scan,
-    weave: Settings,
+    reconstruction: Settings,
     planar: bool,
 }
 
@@ -109,42 +109,42 @@ impl Ready {
             ..ScanSettings::default()
         })?;
         let slices = scan.slices(0..case.slices);
-        let weave = Settings { threads: THREADS, ..Settings::new(DVec3::splat(SPACING_MM)) };
+        let reconstruction = Settings { threads: THREADS, ..Settings::new(DVec3::splat(SPACING_MM)) };
         let planar = case.motion != Motion::Freehand;
-        let mut whole = weaver(&scan, &weave, planar)?;
+        let mut whole = reconstructor(&scan, &reconstruction, planar)?;
         for slice in &slices {
             whole.insert(slice)?;
         }
         let (low, high) = whole.volume().seen_bounds().ok_or("nothing was seen")?;
-        let stage = RenderRegion::new(whole.world_from_lattice(), low, high)?;
-        let look = RenderSettings {
+        let region = RenderRegion::new(whole.world_from_lattice(), low, high)?;
+        let view_settings = RenderSettings {
             view: View { azimuth: 30.0, elevation: 20.0, ..View::default() },
             threads: THREADS,
             ..RenderSettings::new(case.image, Transfer::preset(case.preset, [0.0, 255.0])?)
         };
-        Ok(Self { slices, whole, stage, look, scan, weave, planar })
+        Ok(Self { slices, whole, region, view_settings, scan, reconstruction, planar })
     }
 
     /// Returns an empty volume for the same scan.
     ///
     /// # Errors
     /// None that [`Self::new`] would not have returned.
-    pub(crate) fn weaver(&self) -> Result<PathReconstructor, SettingsError> {
-        weaver(&self.scan, &self.weave, self.planar)
+    pub(crate) fn reconstructor(&self) -> Result<PathReconstructor, SettingsError> {
+        reconstructor(&self.scan, &self.reconstruction, self.planar)
     }
 
     /// Returns the axis of the volume that is closest to the sweep direction.
     pub(crate) fn sweep_axis(&self) -> usize {
         let normal = self.scan.true_world_from_image(self.slices.len() as u32 / 2).affine().matrix3.z_axis;
-        let along = self.stage.stage_from_world().transform_vector3(normal).abs();
+        let along = self.region.region_from_world().transform_vector3(normal).abs();
         (0..3).max_by(|a, b| along[*a].total_cmp(&along[*b])).unwrap_or(0)
     }
 }
 
-fn weaver(scan: &Scan, weave: &Settings, planar: bool) -> Result<PathReconstructor, SettingsError> {
+fn reconstructor(scan: &Scan, reconstruction: &Settings, planar: bool) -> Result<PathReconstructor, SettingsError> {
     match planar {
-        true => PathReconstructor::planar(weave.clone(), PlanarSettings::default(), scan.mask().clone()),
-        false => PathReconstructor::general(weave.clone(), scan.mask().clone()),
+        true => PathReconstructor::planar(reconstruction.clone(), PlanarSettings::default(), scan.mask().clone()),
+        false => PathReconstructor::general(reconstruction.clone(), scan.mask().clone()),
     }
 }
 

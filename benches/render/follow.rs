@@ -28,7 +28,7 @@ struct Followed {
 }
 
 pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
-    let (look, stage) = (&ready.look, ready.stage);
+    let (view_settings, region) = (&ready.view_settings, ready.region);
     let mut ways = Vec::new();
     for (cache, threads) in [
         (Cache::TwoLevel, 2),
@@ -38,17 +38,17 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
         (Cache::TwoLevel, 1),
         (Cache::OneLevel, 1),
     ] {
-        let settings = RenderSettings { cache, threads, ..look.clone() };
+        let settings = RenderSettings { cache, threads, ..view_settings.clone() };
         ways.push(Way {
             name: format!("{}, {threads} thread{}", cache.name(), if threads == 1 { "" } else { "s" }),
             settings,
         });
     }
     // The correct results, untimed.
-    let mut plain = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, stage)?;
+    let mut plain = Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, region)?;
     plain.update_all(ready.whole.volume());
     let exact = plain.picture();
-    let apart = reference::render(ready.whole.volume(), look, &stage)?.difference(&exact);
+    let apart = reference::render(ready.whole.volume(), view_settings, &region)?.difference(&exact);
     if apart[0] > 1.0 / 255.0 {
         report.wrong(format!("{}: {} from the equations", case.title, apart[0]));
     }
@@ -56,7 +56,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     for (way, followed) in ways.iter().zip(&mut followed) {
         turns.push(Box::new(move || {
-            let run = follow(&way.settings, stage, &ready.slices, ready.weaver()?)?;
+            let run = follow(&way.settings, region, &ready.slices, ready.reconstructor()?)?;
             let ms = run.ms.iter().map(|[insert, shade, rays]| insert + shade + rays).collect();
             followed.push(run);
             Ok(ms)
@@ -64,25 +64,25 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     }
     let times = interleaved(rounds, &mut turns)?;
     drop(turns);
-    tell(case, &ways, &followed, &times, apart, &exact, report);
+    report_all(case, &ways, &followed, &times, apart, &exact, report);
     Ok(())
 }
 
 fn follow(
     settings: &RenderSettings,
-    stage: RenderRegion,
+    region: RenderRegion,
     slices: &[Slice],
-    weaver: PathReconstructor,
+    reconstructor: PathReconstructor,
 ) -> Result<Followed, Box<dyn Error>> {
-    let (mut weaver, mut renderer) = (weaver, Renderer::new(settings, stage)?);
+    let (mut reconstructor, mut renderer) = (reconstructor, Renderer::new(settings, region)?);
     let mut ms = Vec::with_capacity(slices.len());
     for slice in slices {
         let began = Instant::now();
-        let touched = weaver.insert(slice)?;
+        let touched = reconstructor.insert(slice)?;
         let insert = began.elapsed();
         let updated = match &touched.slab {
-            Some(slab) => renderer.update_within(weaver.volume(), &touched.bricks, slab),
-            None => renderer.update(weaver.volume(), &touched.bricks),
+            Some(slab) => renderer.update_within(reconstructor.volume(), &touched.bricks, slab),
+            None => renderer.update(reconstructor.volume(), &touched.bricks),
         };
         ms.push([insert, updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
     }
@@ -90,7 +90,7 @@ fn follow(
     Ok(Followed { ms, work, cache, cache_bytes, picture: renderer.picture() })
 }
 
-fn tell(
+fn report_all(
     case: &Case,
     ways: &[Way],
     followed: &[Vec<Followed>],
@@ -122,7 +122,7 @@ fn tell(
         if !same {
             report.wrong(format!("{}, {}: other bits than the whole volume's picture", case.title, way.name));
         }
-        let stage = |s: usize| {
+        let region = |s: usize| {
             let all: Vec<f64> = runs.iter().flat_map(|run| run.ms.iter().map(|ms| ms[s])).collect();
             Cell::Number(timing::quantile(&all, 0.5), 2)
         };
@@ -133,7 +133,7 @@ fn tell(
         };
         let mut row = vec![Cell::text(format!("{}{kept}", way.name))];
         row.extend([0.5, 0.95, 0.99].map(|q| Cell::Number(times.quantile(q), 2)));
-        row.extend([stage(0), stage(1), stage(2)]);
+        row.extend([region(0), region(1), region(2)]);
         row.extend([each(run.work.voxels_shaded), each(run.work.rays), each(run.work.samples)]);
         row.extend([Cell::Number(run.cache_bytes as f64 / 1e6, 1), Cell::text(if same { "yes" } else { "NO" })]);
         let judged = match i {

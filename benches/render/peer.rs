@@ -104,13 +104,13 @@ pub(crate) fn measure(
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
     let axis = ready.sweep_axis();
-    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let before = Snapshot::new(ready.whole.volume(), &ready.region);
     let volumes = [before.with_planes_changed(axis), before];
     for setting in settings(case) {
         let name = format!("{}-{}-{}", case.id, setting.size[0], setting.preset);
         let job = Job::new(&setting, ready, &volumes, &folder.join("peers").join(name))?;
         let mut vtk = Vtk::start(python, &job.folder)?;
-        let apart = compare(&job, &volumes[1], &ready.stage, &mut vtk, sides)?;
+        let apart = compare(&job, &volumes[1], &ready.region, &mut vtk, sides)?;
         if apart.rms > APART {
             report.wrong(format!(
                 "{}, {}: VTK's picture is {:.2} grey levels rms from ours, not the {APART} of the same picture; both are in {}",
@@ -142,7 +142,7 @@ pub(crate) fn measure(
 /// Input of both renderers.
 struct Job {
     folder: PathBuf,
-    looks: Vec<RenderSettings>,
+    all_settings: Vec<RenderSettings>,
 }
 
 impl Job {
@@ -153,16 +153,19 @@ impl Job {
             true => Light::default().with_parts(ambient, diffuse, specular, shininess)?,
             false => Light::default().with_parts(1.0, 0.0, 0.0, 1)?,
         };
-        let look = |side: u32| RenderSettings {
+        let view_settings = |side: u32| RenderSettings {
             view: View { azimuth: 30.0 + f64::from(360 / SIDES * side), elevation: 20.0, ..View::default() },
             size: setting.size,
             transfer: transfer.clone(),
             light,
-            ..ready.look.clone()
+            ..ready.view_settings.clone()
         };
-        let looks: Vec<RenderSettings> = (0..SIDES).map(look).collect();
-        let views = looks.iter().map(|look| seen(look, &ready.stage)).collect::<Result<Vec<_>, _>>()?;
-        let spacing = ready.stage.spacing_mm();
+        let all_settings: Vec<RenderSettings> = (0..SIDES).map(view_settings).collect();
+        let views = all_settings
+            .iter()
+            .map(|view_settings| seen(view_settings, &ready.region))
+            .collect::<Result<Vec<_>, _>>()?;
+        let spacing = ready.region.spacing_mm();
         let Opacity::Curve(curve) = transfer.opacity() else { return Err("VTK has opacity curves only".into()) };
         // 0 marks unseen voxels.
         let mut opacity = vec![[0.0, 0.0], [1.0, curve.value(1.0)]];
@@ -174,7 +177,7 @@ impl Job {
             "dimensions": volumes[1].size(),
             "spacing_mm": spacing.to_array(),
             "size": setting.size,
-            "step_mm": Camera::new(&looks[0].view, setting.size, looks[0].step, &ready.stage)?.step_mm(),
+            "step_mm": Camera::new(&all_settings[0].view, setting.size, all_settings[0].step, &ready.region)?.step_mm(),
             "threads": THREADS,
             "opacity": opacity,
             "unit_mm": transfer.unit_mm(),
@@ -187,17 +190,17 @@ impl Job {
             fs::write(folder.join(name), volume.bytes())?;
         }
         fs::write(folder.join("job.json"), serde_json::to_string_pretty(&job)?)?;
-        Ok(Self { folder: folder.to_owned(), looks })
+        Ok(Self { folder: folder.to_owned(), all_settings })
     }
 }
 
 /// Returns a view in mm along the volume's own axes from its first voxel.
-fn seen(look: &RenderSettings, stage: &RenderRegion) -> Result<serde_json::Value, Box<dyn Error>> {
-    let camera = Camera::new(&look.view, look.size, look.step, stage)?;
-    let [low, _] = stage.bounds();
-    let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - stage.first()[a]) as f64));
-    let mm = |at: DVec3| (at - corner) * stage.spacing_mm();
-    let [width, height] = look.size;
+fn seen(view_settings: &RenderSettings, region: &RenderRegion) -> Result<serde_json::Value, Box<dyn Error>> {
+    let camera = Camera::new(&view_settings.view, view_settings.size, view_settings.step, region)?;
+    let [low, _] = region.bounds();
+    let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - region.first()[a]) as f64));
+    let mm = |at: DVec3| (at - corner) * region.spacing_mm();
+    let [width, height] = view_settings.size;
     let (first, last) = (camera.ray(0, 0), camera.ray(width - 1, height - 1));
     let middle = |k: f64| mm(0.5 * (first.base + last.base) + first.step * k);
     let below = mm(camera.ray(0, height - 1).base) - mm(first.base);
@@ -221,20 +224,20 @@ struct Apart {
 fn compare(
     job: &Job,
     volume: &Snapshot,
-    stage: &RenderRegion,
+    region: &RenderRegion,
     vtk: &mut Vtk,
     sides: usize,
 ) -> Result<Apart, Box<dyn Error>> {
     let mut apart = Apart { rms: 0.0, most: 0.0 };
     vtk.ms("change")?;
-    for (side, look) in job.looks.iter().take(sides).enumerate() {
+    for (side, view_settings) in job.all_settings.iter().take(sides).enumerate() {
         vtk.ms(&format!("view {side}"))?;
-        let theirs = vtk.picture(&job.folder.join(format!("vtk-{side}.rgba16")), look.size)?;
-        let mut renderer = Renderer::new(look, *stage)?;
+        let theirs = vtk.picture(&job.folder.join(format!("vtk-{side}.rgba16")), view_settings.size)?;
+        let mut renderer = Renderer::new(view_settings, *region)?;
         renderer.update_all(volume);
         let ours = renderer.picture();
         for (name, picture) in [("vtk", &theirs), ("ours", &ours)] {
-            let [width, height] = look.size;
+            let [width, height] = view_settings.size;
             let bytes = picture.over([0.0; 3]);
             image::save_buffer(
                 job.folder.join(format!("{name}-{side}.png")),
@@ -282,19 +285,19 @@ fn new_views(
 ) -> Result<Vec<Times>, Box<dyn Error>> {
     // Two sides at least, so that each view differs from the one before.
     let sides = sides.max(2);
-    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    let mut ours = Renderer::new(&job.all_settings[0], ready.region)?;
     ours.update_all(volume);
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     turns.push(Box::new(|| (0..sides).rev().map(|side| vtk.ms(&format!("view {side}"))).collect()));
     turns.push(Box::new(|| {
-        let mut each = |look: &RenderSettings| -> Result<f64, Box<dyn Error>> {
+        let mut each = |view_settings: &RenderSettings| -> Result<f64, Box<dyn Error>> {
             let began = Instant::now();
-            ours.look(look.view)?;
+            ours.set_view(view_settings.view)?;
             while !ours.refine(Duration::from_secs(1)).finished {}
             Ok(began.elapsed().as_secs_f64() * 1e3)
         };
         // Starts with the last side, so that each view differs from the one before.
-        job.looks.iter().take(sides).rev().map(&mut each).collect()
+        job.all_settings.iter().take(sides).rev().map(&mut each).collect()
     }));
     timing::interleaved(rounds, &mut turns)
 }
@@ -309,7 +312,7 @@ fn changes(
     rounds: usize,
 ) -> Result<Vec<Times>, Box<dyn Error>> {
     let bricks = volumes[0].bricks_of_planes(axis);
-    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    let mut ours = Renderer::new(&job.all_settings[0], ready.region)?;
     ours.update_all(&volumes[1]);
     vtk.ms("view 0")?;
     let mut turns: Vec<Contestant<'_>> = Vec::new();
@@ -328,8 +331,8 @@ fn changes(
 /// The VTK process.
 struct Vtk {
     child: Child,
-    tell: ChildStdin,
-    hear: BufReader<ChildStdout>,
+    commands: ChildStdin,
+    answers: BufReader<ChildStdout>,
 }
 
 impl Vtk {
@@ -344,15 +347,17 @@ impl Vtk {
             .stdout(Stdio::piped())
             .stderr(fs::File::create(job.join("vtk.log"))?)
             .spawn()?;
-        let (Some(tell), Some(hear)) = (child.stdin.take(), child.stdout.take()) else { return Err("no pipes".into()) };
-        let mut vtk = Self { child, tell, hear: BufReader::new(hear) };
-        vtk.hear(job)?;
+        let (Some(commands), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err("no pipes".into());
+        };
+        let mut vtk = Self { child, commands, answers: BufReader::new(answers) };
+        vtk.answers(job)?;
         Ok(vtk)
     }
 
-    fn hear(&mut self, log: &Path) -> Result<String, Box<dyn Error>> {
+    fn answers(&mut self, log: &Path) -> Result<String, Box<dyn Error>> {
         let mut line = String::new();
-        match self.hear.read_line(&mut line)? {
+        match self.answers.read_line(&mut line)? {
             0 => Err(format!(
                 "VTK's process ended; its words are in {}; make peers makes its environment anew",
                 log.join("vtk.log").display()
@@ -363,9 +368,9 @@ impl Vtk {
     }
 
     fn ask(&mut self, command: &str) -> Result<String, Box<dyn Error>> {
-        writeln!(self.tell, "{command}")?;
-        self.tell.flush()?;
-        self.hear(Path::new("the job's folder"))
+        writeln!(self.commands, "{command}")?;
+        self.commands.flush()?;
+        self.answers(Path::new("the job's folder"))
     }
 
     fn ms(&mut self, command: &str) -> Result<f64, Box<dyn Error>> {

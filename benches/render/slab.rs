@@ -61,10 +61,10 @@ struct Found {
 pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
     let Some(id) = case.slab else { return Ok(()) };
     let axis = ready.sweep_axis();
-    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let before = Snapshot::new(ready.whole.volume(), &ready.region);
     let volumes = [before.with_planes_changed(axis), before];
     let directions =
-        ready.stage.world_from_stage().matrix3.to_cols_array_2d().map(|axis| DVec3::from_array(axis).normalize());
+        ready.region.world_from_region().matrix3.to_cols_array_2d().map(|axis| DVec3::from_array(axis).normalize());
     let (normal, edge) = (directions[axis], directions[(axis + 1) % 3]);
     let names = [
         "the planes are seen",
@@ -85,9 +85,9 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     for (seen, direction) in
         [("face on", normal), ("edge on", edge), ("obliquely", normal + edge + 0.3 * directions[(axis + 2) % 3])]
     {
-        let look = RenderSettings { view: along(direction), ..ready.look.clone() };
-        let (times, found) = turns(ready, &look, &volumes, axis, rounds)?;
-        tell(seen, &times, &found, &mut table, report);
+        let view_settings = RenderSettings { view: along(direction), ..ready.view_settings.clone() };
+        let (times, found) = turns(ready, &view_settings, &volumes, axis, rounds)?;
+        report_all(seen, &times, &found, &mut table, report);
     }
     table.note("A change and its rays, the middle of all; shading is the same for all ways but the first, which shades everything.");
     table.note("Right: the picture is the bits of the one made at once of the same volume; of rays cast to their ends, the difference in grey levels.");
@@ -98,29 +98,31 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
 /// Runs all ways over both volumes in turns.
 fn turns(
     ready: &Ready,
-    look: &RenderSettings,
+    view_settings: &RenderSettings,
     volumes: &[Snapshot; 2],
     axis: usize,
     rounds: usize,
 ) -> Result<(Vec<Times>, Vec<Found>), Box<dyn Error>> {
     let mut expected: Vec<Picture> = Vec::new();
     for volume in volumes {
-        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?;
+        let mut renderer =
+            Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, ready.region)?;
         renderer.update_all(volume);
         expected.push(renderer.picture());
     }
     let bricks = volumes[0].bricks_of_planes(axis);
     // Memory of pixels and rays without a cache.
-    let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?.memory().rays;
+    let bare =
+        Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, ready.region)?.memory().rays;
     let mut found: Vec<Found> = Way::ALL.iter().map(|_| Found::default()).collect();
     let mut turns: Vec<Contestant<'_>> = Vec::new();
     for (way, found) in Way::ALL.into_iter().zip(&mut found) {
         let (expected, bricks) = (&expected, &bricks);
         let settings = match way {
-            Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..look.clone() },
-            Way::Update(cache) => RenderSettings { cache, ..look.clone() },
+            Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..view_settings.clone() },
+            Way::Update(cache) => RenderSettings { cache, ..view_settings.clone() },
         };
-        let mut kept = Renderer::new(&settings, ready.stage)?;
+        let mut kept = Renderer::new(&settings, ready.region)?;
         found.fits = kept.cache() == settings.cache;
         kept.update_all(&volumes[1]);
         turns.push(Box::new(move || {
@@ -128,7 +130,7 @@ fn turns(
             for (volume, expected) in volumes.iter().zip(expected) {
                 let (updated, picture) = match way {
                     Way::Recast => {
-                        let mut anew = Renderer::new(&settings, ready.stage)?;
+                        let mut anew = Renderer::new(&settings, ready.region)?;
                         (anew.update_all(volume), anew.picture())
                     }
                     Way::Update(_) => (kept.update(volume, bricks), kept.picture()),
@@ -149,7 +151,7 @@ fn turns(
     Ok((times, found))
 }
 
-fn tell(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report: &mut Report) {
+fn report_all(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report: &mut Report) {
     let of =
         |way: Way| Way::ALL.into_iter().zip(times.iter().zip(found)).find(|(w, _)| *w == way).map(|(_, both)| both);
     let Some((recast, _)) = of(Way::Recast) else { return };

@@ -18,8 +18,8 @@ pub(crate) struct Snapshot {
 
 impl Snapshot {
     /// Copies a volume's values, rounded.
-    pub(crate) fn new(volume: &dyn Voxels, stage: &RenderRegion) -> Self {
-        let [low, high] = stage.bounds();
+    pub(crate) fn new(volume: &dyn Voxels, region: &RenderRegion) -> Self {
+        let [low, high] = region.bounds();
         let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 1) as usize);
         let mut bytes = vec![0; size.iter().product()];
         let (mut value, mut weight) = (vec![0.0; size[0]], vec![0.0; size[0]]);

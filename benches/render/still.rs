@@ -39,22 +39,22 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     for &(size, goal) in sizes {
         let settings = |side: u32| {
             let view = View { azimuth: f64::from(360 / SIDES * side), elevation: 25.0, ..View::default() };
-            RenderSettings { view, size, cache: Cache::None, ..ready.look.clone() }
+            RenderSettings { view, size, cache: Cache::None, ..ready.view_settings.clone() }
         };
         let mut ms = Vec::new();
         let mut work = RenderWork::default();
         for side in 0..SIDES {
             for _ in 0..rounds {
-                let updated = Renderer::new(&settings(side), ready.stage)?.update_all(ready.whole.volume());
+                let updated = Renderer::new(&settings(side), ready.region)?.update_all(ready.whole.volume());
                 ms.push([updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
                 work = updated.work;
             }
         }
         // The equations in f64 take seconds per picture, so only the last side is checked.
         let last = settings(SIDES - 1);
-        let mut timed = Renderer::new(&last, ready.stage)?;
+        let mut timed = Renderer::new(&last, ready.region)?;
         timed.update_all(ready.whole.volume());
-        let [most, _] = reference::render(ready.whole.volume(), &last, &ready.stage)?.difference(&timed.picture());
+        let [most, _] = reference::render(ready.whole.volume(), &last, &ready.region)?.difference(&timed.picture());
         if most > 1.0 / 255.0 {
             report.wrong(format!("{}, {}×{} pixels: {most} from the equations", case.title, size[0], size[1]));
         }
@@ -92,19 +92,19 @@ fn resting(
     report: &mut Report,
 ) -> Result<[f64; 2], Box<dyn Error>> {
     let kept = |side: u32| RenderSettings { cache: Cache::default(), ..settings(side) };
-    let mut renderer = Renderer::new(&kept(SIDES - 1), ready.stage)?;
+    let mut renderer = Renderer::new(&kept(SIDES - 1), ready.region)?;
     renderer.update_all(ready.whole.volume());
     let mut ms = [Vec::new(), Vec::new()];
     for _ in 0..rounds {
         for side in 0..SIDES {
             let began = Instant::now();
-            renderer.look(settings(side).view)?;
+            renderer.set_view(settings(side).view)?;
             ms[0].push(began.elapsed().as_secs_f64() * 1e3);
             while !renderer.refine(TURN).finished {}
             ms[1].push(began.elapsed().as_secs_f64() * 1e3);
         }
     }
-    let mut direct = Renderer::new(&settings(SIDES - 1), ready.stage)?;
+    let mut direct = Renderer::new(&settings(SIDES - 1), ready.region)?;
     direct.update_all(ready.whole.volume());
     if direct.picture() != renderer.picture() {
         report.wrong("a refined picture has other bits than one made at once");

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::figure::{Axis, Figure, Look, Panel, Series};
+use crate::figure::{Axis, Figure, Panel, Series, SeriesStyle};
 use crate::lettering::{FAMILY, SUBSCRIPT, subscript, width, width_bold, wrap};
 use crate::raster::Raster;
 use crate::scale::Tick;
@@ -200,10 +200,10 @@ impl<'a> Prepared<'a> {
             r#"<clipPath id="{clip}"><rect x="{left:.2}" y="{top:.2}" width="{wide:.2}" height="{high:.2}"/></clipPath>"#
         ));
         canvas.push(&format!(r#"<g clip-path="url(#{clip})">"#));
-        let bars = self.panel.series.iter().filter(|s| s.look == Look::Bars).count();
+        let bars = self.panel.series.iter().filter(|s| s.style == SeriesStyle::Bars).count();
         let mut before = 0.0;
         for series in &self.panel.series {
-            if series.look == Look::Bars {
+            if series.style == SeriesStyle::Bars {
                 let thick = 0.76 * wide / (self.x[1] - self.x[0]) / bars as f64;
                 let shift = (before - 0.5 * bars as f64) * thick;
                 before += 1.0;
@@ -238,12 +238,12 @@ impl<'a> Prepared<'a> {
 /// Draws lines and marks at positions in pixels; a missing position breaks the line.
 fn draw_series(canvas: &mut Canvas<'_>, series: &Series, places: &[Option<[f64; 2]>]) {
     let ink = series.ink.hex();
-    let dash = match series.look {
-        Look::Line => "",
-        Look::Dashed => r#" stroke-dasharray="7 4""#,
-        Look::Dotted => r#" stroke-dasharray="1.5 3""#,
+    let dash = match series.style {
+        SeriesStyle::Line => "",
+        SeriesStyle::Dashed => r#" stroke-dasharray="7 4""#,
+        SeriesStyle::Dotted => r#" stroke-dasharray="1.5 3""#,
         _ => {
-            places.iter().flatten().for_each(|at| mark(canvas, series.look, ink, *at));
+            places.iter().flatten().for_each(|at| mark(canvas, series.style, ink, *at));
             return;
         }
     };
@@ -262,14 +262,14 @@ fn draw_series(canvas: &mut Canvas<'_>, series: &Series, places: &[Option<[f64; 
     ));
 }
 
-fn mark(canvas: &mut Canvas<'_>, look: Look, ink: &str, [x, y]: [f64; 2]) {
-    let shape = match look {
-        Look::Squares => format!(r#"<rect x="{:.2}" y="{:.2}" width="6.4" height="6.4""#, x - 3.2, y - 3.2),
-        Look::Triangles => {
+fn mark(canvas: &mut Canvas<'_>, style: SeriesStyle, ink: &str, [x, y]: [f64; 2]) {
+    let shape = match style {
+        SeriesStyle::Squares => format!(r#"<rect x="{:.2}" y="{:.2}" width="6.4" height="6.4""#, x - 3.2, y - 3.2),
+        SeriesStyle::Triangles => {
             let (upper, lower, left, right) = (y - 4.2, y + 3.2, x - 4.0, x + 4.0);
             format!(r#"<path d="M{x:.2} {upper:.2}L{left:.2} {lower:.2}L{right:.2} {lower:.2}Z""#)
         }
-        Look::Crosses => {
+        SeriesStyle::Crosses => {
             canvas.line([x - 3.6, y], [x + 3.6, y], ink, 1.6);
             canvas.line([x, y - 3.6], [x, y + 3.6], ink, 1.6);
             return;
@@ -300,17 +300,17 @@ fn draw_legend(canvas: &mut Canvas<'_>, figure: &Figure, top: f64) -> f64 {
         if x + wide - 20.0 > WIDTH - MARGIN && x > MARGIN {
             (x, y) = (MARGIN, y + TICK * 1.6);
         }
-        match series.look {
-            Look::Bars => canvas.push(&format!(
+        match series.style {
+            SeriesStyle::Bars => canvas.push(&format!(
                 r#"<rect x="{:.2}" y="{:.2}" width="14" height="9" fill="{}"/>"#,
                 x + 7.0,
                 y - 4.5,
                 series.ink.hex()
             )),
-            Look::Line | Look::Dashed | Look::Dotted => {
+            SeriesStyle::Line | SeriesStyle::Dashed | SeriesStyle::Dotted => {
                 draw_series(canvas, series, &[Some([x, y]), Some([x + SAMPLE, y])]);
             }
-            look => mark(canvas, look, series.ink.hex(), [x + 0.5 * SAMPLE, y]),
+            style => mark(canvas, style, series.ink.hex(), [x + 0.5 * SAMPLE, y]),
         }
         canvas.text([x + SAMPLE + 6.0, y + 0.36 * TICK], TICK, Anchor::Start, "", &series.name);
         x += wide;

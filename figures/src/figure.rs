@@ -42,7 +42,7 @@ impl Ink {
 
 /// Style of a series' points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
+pub enum SeriesStyle {
     /// Joined; a missing number breaks the line.
     Line,
     /// Joined by dashes.
@@ -67,7 +67,7 @@ pub struct Series {
     /// Name in the legend; series of one name in several panels share an entry.
     pub name: String,
     /// Style.
-    pub look: Look,
+    pub style: SeriesStyle,
     /// Colour.
     pub ink: Ink,
     /// x and y. Values that are not finite, or not positive on a logarithmic axis, are left out.
@@ -78,8 +78,8 @@ pub struct Series {
 
 impl Series {
     /// Returns a series of points.
-    pub fn new(name: impl Into<String>, look: Look, ink: Ink, points: Vec<[f64; 2]>) -> Self {
-        Self { name: name.into(), look, ink, points, listed: true }
+    pub fn new(name: impl Into<String>, style: SeriesStyle, ink: Ink, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.into(), style, ink, points, listed: true }
     }
 
     /// Removes its entry from the legend.
@@ -89,7 +89,7 @@ impl Series {
 
     /// Returns one bar for each category, from the first on.
     pub fn bars(name: impl Into<String>, ink: Ink, heights: &[f64]) -> Self {
-        Self::new(name, Look::Bars, ink, heights.iter().zip(0..).map(|(y, i)| [f64::from(i), *y]).collect())
+        Self::new(name, SeriesStyle::Bars, ink, heights.iter().zip(0..).map(|(y, i)| [f64::from(i), *y]).collect())
     }
 }
 

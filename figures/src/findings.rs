@@ -49,7 +49,7 @@ impl Findings {
 
     /// Prints the failures and the number of checks; returns whether all passed.
     #[allow(clippy::print_stdout, reason = "the last words of a run")]
-    pub fn tell(&self) -> bool {
+    pub fn report(&self) -> bool {
         for what in &self.wrong {
             println!("WRONG: {what}");
         }
@@ -67,9 +67,9 @@ mod tests {
         let mut findings = Findings::default();
         findings.check(true, "two and two are four");
         findings.counted();
-        assert!(findings.tell());
+        assert!(findings.report());
         findings.check(false, "two and two are five");
-        assert!(!findings.tell());
+        assert!(!findings.report());
         assert_eq!((findings.checks, findings.wrong.len()), (3, 1));
     }
 }

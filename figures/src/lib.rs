@@ -24,7 +24,7 @@ pub mod lettering;
 pub mod raster;
 pub mod scale;
 
-pub use figure::{Axis, Figure, Ink, Look, Panel, Series};
+pub use figure::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 pub use findings::Findings;
 pub use raster::Raster;
 pub use scale::order;

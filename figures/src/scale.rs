@@ -53,11 +53,11 @@ impl Scale {
         }
     }
 
-    /// Returns ticks within a range, the low end first; about `wanted` of them are labelled.
-    pub fn ticks(self, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
+    /// Returns ticks within a range, the low end first; about `count` of them are labelled.
+    pub fn ticks(self, [low, high]: [f64; 2], count: f64) -> Vec<Tick> {
         match self {
             Self::Linear => {
-                let step = step((high - low) / wanted.clamp(2.0, 8.0));
+                let step = step((high - low) / count.clamp(2.0, 8.0));
                 // Just enough digits that neighbouring ticks differ.
                 let decimals =
                     (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
@@ -72,7 +72,7 @@ impl Scale {
             }
             Self::Log => {
                 let (first, last) = ((low.log10() + 1e-9).floor() as i32, (high.log10() - 1e-9).ceil() as i32);
-                let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
+                let every = ((f64::from(last - first) / count.clamp(2.0, 8.0)).ceil() as i32).max(1);
                 let decades = first..=last;
                 // Over a smaller range, more digits are labelled, but without overlapping texts.
                 let digits: &[u8] = match last - first {
@@ -176,8 +176,8 @@ mod tests {
 
     #[test]
     fn orders_of_magnitude_have_one_digit() {
-        let told = [5.3e-15, 9.7e-8, 0.0, 0.0042, 1e-9].map(order);
-        assert_eq!(told, ["5·10⁻¹⁵", "10⁻⁷", "0", "0.004", "10⁻⁹"]);
+        let labels = [5.3e-15, 9.7e-8, 0.0, 0.0042, 1e-9].map(order);
+        assert_eq!(labels, ["5·10⁻¹⁵", "10⁻⁷", "0", "0.004", "10⁻⁹"]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Figures as delivered: real text without overlaps, reproducible bytes, and every number in the
 //! CSV.
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, drawing, files, lettering};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle, drawing, files, lettering};
 
 fn figure() -> Figure {
     let line = (0..50).map(|i| [f64::from(i), (f64::from(i) * 0.2).sin()]).collect();
@@ -17,9 +17,9 @@ fn figure() -> Figure {
                 "Lines",
                 Axis::linear("position σ_n, mm"),
                 Axis::linear("value"),
-                vec![Series::new("a sine, sampled", Look::Line, Ink::Blue, line), Series::new("middle", Look::Dashed, Ink::Black, vec![[0.0, 0.0], [49.0, 0.0]])],
+                vec![Series::new("a sine, sampled", SeriesStyle::Line, Ink::Blue, line), Series::new("middle", SeriesStyle::Dashed, Ink::Black, vec![[0.0, 0.0], [49.0, 0.0]])],
             ),
-            Panel::new("Powers", Axis::log("part"), Axis::log("ms a slice"), vec![Series::new("points", Look::Discs, Ink::Vermilion, powers)]),
+            Panel::new("Powers", Axis::log("part"), Axis::log("ms a slice"), vec![Series::new("points", SeriesStyle::Discs, Ink::Vermilion, powers)]),
             Panel::new(
                 "Bars",
                 Axis::categories("method", ["nearest voxel with holes filled", "trilinear", "Gaussian"]),
@@ -106,7 +106,7 @@ fn csv_has_every_number_with_all_digits() {
 #[test]
 fn unlisted_series_is_drawn_and_named_in_csv() {
     let mut figure = figure();
-    let hidden = Series::new("hidden", Look::Crosses, Ink::Purple, vec![[1.0, 0.5]]).unlisted();
+    let hidden = Series::new("hidden", SeriesStyle::Crosses, Ink::Purple, vec![[1.0, 0.5]]).unlisted();
     let before = drawing::svg(&figure);
     figure.panels[0].series.push(hidden);
     let after = drawing::svg(&figure);

@@ -65,13 +65,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     loop {
         let found = merged(DRIVERS.iter().map(|driver| (driver.name(), driver.list())));
         if before.as_ref() != Some(&found) {
-            let said = match (arguments.json, &before) {
+            let text = match (arguments.json, &before) {
                 (true, _) => serde_json::to_string(&found)? + "\n",
                 (false, None) => whole(&found),
                 (false, Some(before)) => changes(before, &found),
             };
             // The reader may have closed the pipe.
-            if let Err(error) = out.write_all(said.as_bytes()).and_then(|()| out.flush()) {
+            if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
                 return match error.kind() {
                     std::io::ErrorKind::BrokenPipe => Ok(()),
                     _ => Err(error.into()),
@@ -105,11 +105,11 @@ fn merged(lists: impl Iterator<Item = (&'static str, Vec<Listing>)>) -> Vec<Foun
 fn entry(found: &Found) -> String {
     let Found { id, drivers, description, unavailable } = found;
     let mark = if unavailable.is_some() { "✗" } else { "✓" };
-    let mut said = format!("{mark} {id}\n    {description}; for: {}\n", drivers.join(", "));
+    let mut text = format!("{mark} {id}\n    {description}; for: {}\n", drivers.join(", "));
     if let Some(why) = unavailable {
-        said += &format!("    cannot be opened: {why}\n");
+        text += &format!("    cannot be opened: {why}\n");
     }
-    said
+    text
 }
 
 /// Formats the whole list.
@@ -117,17 +117,17 @@ fn whole(all: &[Found]) -> String {
     if all.is_empty() {
         return "No serial line, tracker on USB or frame grabber is plugged in.\n".into();
     }
-    let mut said: String = all.iter().map(entry).collect();
+    let mut text: String = all.iter().map(entry).collect();
     let closed = all.iter().filter(|found| found.unavailable.is_some()).count();
-    said += &match closed {
+    text += &match closed {
         0 => format!("{} found; all can be opened.\n", all.len()),
         _ => format!("{} found; {closed} of them cannot be opened.\n", all.len()),
     };
     if all.iter().any(|found| found.unavailable.as_ref().is_some_and(|why| why.contains(DENIED))) {
-        said += "The udev rules give access to the user at this machine: sonoweave devices --udev | sudo tee \
+        text += "The udev rules give access to the user at this machine: sonoweave devices --udev | sudo tee \
             /etc/udev/rules.d/70-sonoweave.rules\n";
     }
-    said
+    text
 }
 
 /// Returns a device's reason with the command that remedies it, if there is one. The drivers do not
@@ -167,10 +167,10 @@ mod tests {
         );
         assert_eq!(found.len(), 2);
         assert_eq!(found[0].drivers, ["tracker", "arm"]);
-        let said = whole(&found);
-        assert!(said.contains("✓ /dev/ttyB\n    a thing at /dev/ttyB; for: tracker, arm\n"), "{said}");
-        assert!(said.contains("✗ usb:1-2") && said.contains("2 found; 1 of them cannot be opened"), "{said}");
-        assert!(said.contains("--udev") && with_remedy(DENIED).contains("--udev"), "{said}");
+        let text = whole(&found);
+        assert!(text.contains("✓ /dev/ttyB\n    a thing at /dev/ttyB; for: tracker, arm\n"), "{text}");
+        assert!(text.contains("✗ usb:1-2") && text.contains("2 found; 1 of them cannot be opened"), "{text}");
+        assert!(text.contains("--udev") && with_remedy(DENIED).contains("--udev"), "{text}");
     }
 
     #[test]
@@ -178,9 +178,9 @@ mod tests {
         let all = |lists: Vec<Listing>| merged([("tracker", lists)].into_iter());
         let before = all(vec![listing("a", None), listing("b", None), listing("c", None)]);
         let now = all(vec![listing("b", Some("busy")), listing("c", None), listing("d", None)]);
-        let said = changes(&before, &now);
+        let text = changes(&before, &now);
         assert_eq!(
-            said,
+            text,
             "- a\n    unplugged\n+ ✓ d\n    a thing at d; for: tracker\n✗ b\n    a thing at b; for: tracker\n    cannot be opened: busy\n"
         );
         assert!(whole(&[]).contains("No serial line"));

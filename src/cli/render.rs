@@ -3,9 +3,9 @@
 mod arguments;
 pub(super) mod drawing;
 mod lighting;
-pub(super) mod look;
 pub(super) mod planar;
 mod planes;
+pub(super) mod view_flags;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -21,8 +21,8 @@ use super::{Failure, input};
 pub use arguments::Arguments;
 use arguments::{Source, milliseconds};
 use drawing::Over;
-use look::{Look, Mode};
 use planar::Draw;
+use view_flags::{Mode, ViewFlags};
 
 /// The content of `--stats`.
 #[derive(Debug, Serialize)]
@@ -189,7 +189,7 @@ fn draw(
     volume: &DenseVolume,
     stage: RenderRegion,
     settings: &RenderSettings,
-    look: &Look,
+    look: &ViewFlags,
     turned: Option<f64>,
     path: PathBuf,
 ) -> Result<Drawn, Failure> {

@@ -24,7 +24,7 @@ use super::live::outputs::Outputs;
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
 use super::render::check_png;
-use super::render::look::{Look, Mode};
+use super::render::view_flags::{Mode, ViewFlags};
 use super::{Failure, input, values};
 use follow::reconstruct;
 use following::Following;
@@ -87,7 +87,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", requires = "console")]
     keep: Option<PathBuf>,
     #[command(flatten)]
-    look: Look,
+    look: ViewFlags,
     #[command(flatten, next_help_heading = "Reconstruction")]
     flags: Flags,
     #[command(flatten, next_help_heading = "OpenIGTLink, of a session")]

@@ -167,11 +167,11 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
         writeln!(out, "Ctrl-C ends it.")?;
     }
     out.flush()?;
-    let mut asked: BTreeMap<String, u64> = BTreeMap::new();
+    let mut commands: BTreeMap<String, u64> = BTreeMap::new();
     let mut turns_ns = every.map(|every| begin_ns + every);
     while !ends.load(Ordering::Relaxed) && duration.is_none_or(|ns| Monotonic.now_ns() < begin_ns + ns) {
         std::thread::sleep(TURN);
-        note_commands(&ports, &mut asked);
+        note_commands(&ports, &mut commands);
         let now_ns = Monotonic.now_ns();
         let (Some(at), Some(every)) = (turns_ns, every) else { continue };
         if now_ns < at {
@@ -195,10 +195,10 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
         out.flush()?;
     }
     drop(lines);
-    note_commands(&ports, &mut asked);
+    note_commands(&ports, &mut commands);
     let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).tally());
     let seconds = (Monotonic.now_ns() - begin_ns) as f64 / SECOND as f64;
-    out.write_all(summary(seconds, tally.fold(Tally::default(), |sum, each| sum + each), &asked).as_bytes())?;
+    out.write_all(summary(seconds, tally.fold(Tally::default(), |sum, each| sum + each), &commands).as_bytes())?;
     Ok(())
 }
 
@@ -221,12 +221,12 @@ fn open(ports: &[Port], links: &mut [Option<Link>], out: &mut impl Write) -> Res
 }
 
 /// Counts the commands obeyed since the last call.
-fn note_commands(ports: &[Port], asked: &mut BTreeMap<String, u64>) {
+fn note_commands(ports: &[Port], commands: &mut BTreeMap<String, u64>) {
     for Port { machine, .. } in ports {
         for command in machine.lock().unwrap_or_else(PoisonError::into_inner).take_obeyed() {
-            let said = words(&command);
-            let known = asked.len() < MOST_COMMANDS || asked.contains_key(&said);
-            *asked.entry(if known { said } else { "others".into() }).or_default() += 1;
+            let text = words(&command);
+            let known = commands.len() < MOST_COMMANDS || commands.contains_key(&text);
+            *commands.entry(if known { text } else { "others".into() }).or_default() += 1;
         }
     }
 }
@@ -255,20 +255,20 @@ fn words(command: &[u8]) -> String {
 }
 
 /// Summarises the simulation.
-fn summary(seconds: f64, tally: Tally, asked: &BTreeMap<String, u64>) -> String {
+fn summary(seconds: f64, tally: Tally, commands: &BTreeMap<String, u64>) -> String {
     let Tally { bytes, dropped, garbled, withheld } = tally;
-    let mut said = format!(
+    let mut text = format!(
         "{seconds:.1} s: {bytes} bytes sent, {dropped} of them lost and {garbled} garbled; {withheld} records not \
         sent\n"
     );
-    said += &match asked.is_empty() {
+    text += &match commands.is_empty() {
         true => "no program sent a command\n".to_owned(),
         false => {
-            let list: Vec<String> = asked.iter().map(|(what, times)| format!("{what} ×{times}")).collect();
+            let list: Vec<String> = commands.iter().map(|(what, times)| format!("{what} ×{times}")).collect();
             format!("obeyed: {}\n", list.join("; "))
         }
     };
-    said
+    text
 }
 
 /// A stable name for terminals that come and go.
@@ -440,7 +440,7 @@ impl Arguments {
             (false, 1) => "1 sensor".into(),
             (false, sensors) => format!("{sensors} sensors"),
         };
-        let mut said = format!(
+        let mut text = format!(
             "{}, {of}, found {}: {} sweep of {} poses, {} mm apart, to and fro; seed {}",
             name(self.unit),
             name(self.found),
@@ -465,9 +465,9 @@ impl Arguments {
         let faults: Vec<String> =
             noise.into_iter().chain(faults.into_iter().filter(|f| f.0).map(|f| f.1)).chain(plug).collect();
         if !faults.is_empty() {
-            said += &format!("\nfaults: {}", faults.join(", "));
+            text += &format!("\nfaults: {}", faults.join(", "));
         }
-        Ok(said)
+        Ok(text)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::commands::{account, done, until, wish};
+use super::commands::{account, done, post_command, until};
 use super::daemon::{SMALL, Session, ask};
 use super::place::Place;
 
@@ -70,7 +70,7 @@ fn replay_with_other_settings_equals_their_result() {
         (json!({ "do": "clear" }), "this session is a recording"),
         (json!({ "do": "save" }), "--keep DIR"),
     ] {
-        let (code, answer) = wish(&address, &what);
+        let (code, answer) = post_command(&address, &what);
         assert!(code == 409 && answer["refused"].as_str().unwrap().contains(says), "{what}: {code} {answer}");
     }
     assert_eq!(account(&address)["desk"]["replayed"]["tried"], json!({}), "nothing has changed");
@@ -82,9 +82,9 @@ fn replay_with_other_settings_equals_their_result() {
     assert_eq!(over(&session, &address, &json!({}))["volume"], first["volume"]);
     done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3.0, "grabber.latency_ms": 120 } }));
     over(&session, &address, &json!({ "volume.spacing_mm": 3.0, "grabber.latency_ms": 120 }));
-    assert_eq!(session.ends("-INT"), 0, "{}", session.said());
-    let said = session.said();
-    assert!(!said.contains("stands still"), "{said}");
+    assert_eq!(session.ends("-INT"), 0, "{}", session.log());
+    let log = session.log();
+    assert!(!log.contains("stands still"), "{log}");
     // The last result is saved, and equals that of its settings.
     let [last, coarse] = ["last.mha", "coarse.mha"].map(|name| session.place.volume(name));
     assert!(last.values == coarse.values && last.header.origin == coarse.header.origin);
@@ -96,11 +96,11 @@ fn live_session_refuses_replay_and_frame_commands() {
     let mut session = Session::begin("", &[]);
     let address = session.address();
     for what in [json!({ "do": "again" }), json!({ "do": "frame", "number": 1 })] {
-        let (code, answer) = wish(&address, &what);
+        let (code, answer) = post_command(&address, &what);
         assert!(code == 409 && answer["refused"].as_str().unwrap().contains("this session is live"), "{answer}");
     }
     assert_eq!(ask(&address, &address, "/v1/settings").0, 404);
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
 }
 
 #[test]

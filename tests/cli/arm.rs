@@ -56,8 +56,8 @@ fn counts() -> Vec<[i64; JOINTS]> {
     let mut all = vec![[0; JOINTS]];
     for (n, divot) in (0..).zip(ORDER) {
         let n = f64::from(n);
-        let seat = DVec2::new(scatter(n, 1.0), scatter(n, 2.0)) * 0.05;
-        let at = DVec2::from_angle(0.4).rotate(DVec2::from_array(DIVOTS[divot - 1])) + DVec2::new(190.0, 60.0) + seat;
+        let hole = DVec2::new(scatter(n, 1.0), scatter(n, 2.0)) * 0.05;
+        let at = DVec2::from_angle(0.4).rotate(DVec2::from_array(DIVOTS[divot - 1])) + DVec2::new(190.0, 60.0) + hole;
         let elbow = if (n * 0.7).sin() > 0.0 { Elbow::Up } else { Elbow::Down };
         let pose = PlanarPose { position_mm: at, heading_rad: 0.9 * n };
         let values = truth().inverse(&pose, elbow).unwrap();

@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 
 use super::daemon::{Session, ask, request};
 
-pub(super) fn wish(address: &str, wish: &Value) -> (u16, Value) {
-    let body = wish.to_string();
+pub(super) fn post_command(address: &str, command: &Value) -> (u16, Value) {
+    let body = command.to_string();
     let head = format!("POST /v1/do HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
     let head = format!("{head}Content-Type: application/json\r\nContent-Length: {}\r\n\r\n", body.len());
     let (code, answer) = request(address, &(head + &body));
@@ -14,7 +14,7 @@ pub(super) fn wish(address: &str, wish: &Value) -> (u16, Value) {
 }
 
 pub(super) fn done(address: &str, what: &Value) {
-    let (code, answer) = wish(address, what);
+    let (code, answer) = post_command(address, what);
     assert_eq!(code, 200, "{what}: {answer}");
 }
 
@@ -52,7 +52,7 @@ fn session_is_stopped_viewed_recorded_again_and_replayed() {
     let over = until(&session, &address, "the end", |account| account["desk"]["phase"] == "over");
     let (count, had) = (slices(&over), over["recording"].clone());
     assert!(count > 5 && had.is_null(), "{over}");
-    assert_eq!(wish(&address, &json!({ "do": "clear" })).0, 409);
+    assert_eq!(post_command(&address, &json!({ "do": "clear" })).0, 409);
     done(&address, &json!({ "do": "save" }));
     let saved = until(&session, &address, "a saved volume", |account| {
         account["desk"]["events"].as_array().unwrap().iter().any(|event| event["how"] == "done")
@@ -67,7 +67,7 @@ fn session_is_stopped_viewed_recorded_again_and_replayed() {
     // The next session is recorded from its first slice on.
     done(&address, &json!({ "do": "record" }));
     until(&session, &address, "a recording", |a| a["desk"]["records"] == true && slices(a) > 10);
-    assert_eq!(wish(&address, &json!({ "do": "record" })).0, 409);
+    assert_eq!(post_command(&address, &json!({ "do": "record" })).0, 409);
     done(&address, &json!({ "do": "clear" }));
     done(&address, &json!({ "do": "stop" }));
     until(&session, &address, "the end of the recording", |account| account["desk"]["phase"] == "over");
@@ -77,7 +77,7 @@ fn session_is_stopped_viewed_recorded_again_and_replayed() {
         .filter(|name| name.ends_with(".mcap"))
         .collect();
     let [recording] = &recorded[..] else { panic!("{recorded:?}") };
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
     // The replay gives the same result, with the same clearing in the middle.
     let ran = session.place.run(&format!("replay kept/{recording} --picture q.png"));
     assert_eq!(ran.code, 0, "{}", ran.stderr);
@@ -90,13 +90,13 @@ fn save_commands_without_folder_are_refused_harmlessly() {
     let address = session.address();
     until(&session, &address, "slices", |account| slices(account) > 3);
     for command in ["record", "save", "snapshot"] {
-        let (code, said) = wish(&address, &json!({ "do": command }));
-        assert_eq!(code, 409, "{said}");
-        assert!(said["refused"].as_str().unwrap().contains("--keep DIR"), "{said}");
+        let (code, answer) = post_command(&address, &json!({ "do": command }));
+        assert_eq!(code, 409, "{answer}");
+        assert!(answer["refused"].as_str().unwrap().contains("--keep DIR"), "{answer}");
     }
-    let (code, said) = wish(&address, &json!({ "do": "save", "to": "/etc/passwd" }));
-    assert_eq!(code, 422, "{said}");
+    let (code, answer) = post_command(&address, &json!({ "do": "save", "to": "/etc/passwd" }));
+    assert_eq!(code, 422, "{answer}");
     let before = slices(&account(&address));
     until(&session, &address, "more slices", |account| slices(account) > before);
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
 }

@@ -5,17 +5,17 @@ use serde_json::{Value, json};
 use super::place::Place;
 use super::sequence::{Sequence, pose};
 
-const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5";
+const RECONSTRUCT: &str = "reconstruct s.mha --path general --clip none --spacing 0.5";
 
 /// Two volumes of constant grey, 3 apart, the second shifted by 2 mm, made with different
 /// kernels.
 fn two() -> Place {
     let place = Place::new();
     place.put("s.mha", Sequence { pixel: |_, _, _| vec![103], ..Sequence::default() }.bytes());
-    place.does(&format!("{WEAVE} -o a.mha --weights wa.mha"));
+    place.does(&format!("{RECONSTRUCT} -o a.mha --weights wa.mha"));
     let moved = Sequence { pixel: |_, _, _| vec![100], pose: |f| pose(f64::from(f) + 2.0), ..Sequence::default() };
     place.put("s.mha", moved.bytes());
-    place.does(&format!("{WEAVE} -o b.mha --weights wb.mha --sigma 0.5,0.5,0.8"));
+    place.does(&format!("{RECONSTRUCT} -o b.mha --weights wb.mha --sigma 0.5,0.5,0.8"));
     place
 }
 
@@ -59,7 +59,7 @@ fn volumes_on_one_lattice_are_compared_where_both_seen() {
 #[test]
 fn other_lattices_are_refused_or_resampled() {
     let place = two();
-    place.does(&format!("{WEAVE} -o c.mha --weights wc.mha --origin 0.2,0.1,0.3 --sigma 0.5,0.5,0.8"));
+    place.does(&format!("{RECONSTRUCT} -o c.mha --weights wc.mha --origin 0.2,0.1,0.3 --sigma 0.5,0.5,0.8"));
     let both = "a.mha c.mha --weights wa.mha --other-weights wc.mha";
     place
         .refuses(&format!("compare {both}"), &["a.mha and c.mha cannot be compared", "of a voxel apart", "--resample"]);
@@ -98,6 +98,6 @@ fn difference_is_drawn_and_bad_input_writes_nothing() {
     place.refuses("compare a.mha b.mha --max-memory 1e-6", &["GiB"]);
     let far = Sequence { pose: |f| pose(f64::from(f) + 200.0), ..Sequence::default() };
     place.put("s.mha", far.bytes());
-    place.does(&format!("{WEAVE} -o far.mha"));
+    place.does(&format!("{RECONSTRUCT} -o far.mha"));
     place.refuses("compare a.mha far.mha", &["do not overlap"]);
 }

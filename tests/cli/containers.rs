@@ -12,7 +12,7 @@ const VOLUMES: [&str; 6] = ["v.mha", "v.mhd", "v.nrrd", "v.nhdr", "v.nii", "v.ni
 const SWEEP: &str = "--frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6";
 
 /// Runs a reconstruction; notes on planes, kernels and unseen voxels are permitted.
-fn weaves(place: &Place, words: &str) {
+fn succeeds(place: &Place, words: &str) {
     let run = place.run(words);
     assert_eq!(run.code, 0, "{words}: {}", run.stderr);
 }
@@ -23,7 +23,7 @@ fn sweep_gives_the_same_volume_from_every_container() {
     let mut first = None;
     for (name, packed) in SEQUENCES.iter().flat_map(|name| [(name, ""), (name, "--compress")]) {
         place.does(&format!("phantom -o {name} {SWEEP} {packed}"));
-        weaves(&place, &format!("reconstruct {name} -o v.mha --spacing 0.5"));
+        succeeds(&place, &format!("reconstruct {name} -o v.mha --spacing 0.5"));
         let volume = place.volume("v.mha");
         let (header, values) = first.get_or_insert_with(|| (volume.header.clone(), volume.values.clone()));
         assert!(*values == volume.values, "{name} {packed}");
@@ -41,10 +41,10 @@ fn volume_keeps_geometry_and_provenance_in_every_format() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP} --trajectory freehand"));
     let mut pictures = Vec::new();
-    weaves(&place, "reconstruct s.mha -o first.mha --spacing 0.5 --type f32");
+    succeeds(&place, "reconstruct s.mha -o first.mha --spacing 0.5 --type f32");
     let first = place.volume("first.mha");
     for name in VOLUMES {
-        weaves(&place, &format!("reconstruct s.mha -o {name} --spacing 0.5 --type f32"));
+        succeeds(&place, &format!("reconstruct s.mha -o {name} --spacing 0.5 --type f32"));
         let volume = place.volume(name);
         assert!(volume.values == first.values, "{name}");
         for (got, put) in [(volume.header.spacing, first.header.spacing), (volume.header.origin, first.header.origin)] {
@@ -54,7 +54,7 @@ fn volume_keeps_geometry_and_provenance_in_every_format() {
         for field in ["SonoweaveFrame", "SonoweaveInput", "SonoweaveUnseen", "SonoweaveSlicesBox"] {
             assert_eq!(volume.field(field), first.field(field), "{name}");
         }
-        weaves(&place, &format!("render {name} -o p.png --image-size 40x30"));
+        succeeds(&place, &format!("render {name} -o p.png --image-size 40x30"));
         pictures.push(place.get("p.png"));
         let said = place.does(&format!("inspect {name} --against first.mha"));
         assert!(said.contains("volume") && said.contains("RMSE"), "{said}");
@@ -68,7 +68,7 @@ fn colour_sweep_uses_luma_and_says_so() {
     place.put("grey.mha", Sequence::default().bytes());
     let lines = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = RGB_COLOR\n";
     place.put("colour.mha", Sequence { channels: 3, lines: lines.into(), ..Sequence::default() }.bytes());
-    weaves(&place, "reconstruct grey.mha -o grey-v.mha --spacing 0.5");
+    succeeds(&place, "reconstruct grey.mha -o grey-v.mha --spacing 0.5");
     let run = place.run("reconstruct colour.mha -o colour-v.mha --spacing 0.5 --stats s.json");
     assert!(run.code == 0 && run.stderr.contains("the luma is the grey value (ITU-R BT.601)"), "{}", run.stderr);
     assert!(place.volume("grey-v.mha").values == place.volume("colour-v.mha").values, "grey stays what it was");
@@ -132,8 +132,8 @@ fn parts_of_a_recording_keep_their_position() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
     place.does("convert s.mha part.nrrd --frames 1..5 --crop 10,5,20,15 --orientation FU");
-    weaves(&place, "reconstruct s.mha -o whole.mha --spacing 0.5 --frames 1..5 --clip 10,5,20,15 --path general");
-    weaves(&place, "reconstruct part.nrrd -o part.mha --spacing 0.5 --path general --clip none");
+    succeeds(&place, "reconstruct s.mha -o whole.mha --spacing 0.5 --frames 1..5 --clip 10,5,20,15 --path general");
+    succeeds(&place, "reconstruct part.nrrd -o part.mha --spacing 0.5 --path general --clip none");
     let (whole, part) = (place.volume("whole.mha"), place.volume("part.mha"));
     assert_eq!((whole.header.size, whole.header.origin), (part.header.size, part.header.origin));
     let worst = whole.values.iter().zip(&part.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -200,7 +200,7 @@ fn identifying_fields_are_left_out_and_named() {
     let said = place.does("convert s.mha a.seq.nrrd --anonymize");
     assert!(said.contains("left out: PatientName\n"), "{said}");
     assert!(!String::from_utf8_lossy(&place.get("a.seq.nrrd")).contains("Doe"));
-    weaves(&place, "reconstruct s.mha -o v.mha --spacing 0.5");
+    succeeds(&place, "reconstruct s.mha -o v.mha --spacing 0.5");
     place.does("convert v.mha a.nii.gz --anonymize");
     let (before, after) = (place.volume("v.mha"), place.volume("a.nii.gz"));
     assert_eq!(before.field("SonoweaveUnseen"), after.field("SonoweaveUnseen"));
@@ -255,17 +255,17 @@ fn converted_session_has_the_poses_of_its_replay() {
     // The volume is the same both ways.
     let run = place.run(&format!("replay {session} --all -o replayed.mha"));
     assert_eq!(run.code, 0, "{}", run.stderr);
-    weaves(
+    succeeds(
         &place,
         &format!("reconstruct s.igs.mha -o woven.mha --image-to-probe {IMAGE_TO_PROBE} --clip none --spacing 1"),
     );
-    let (replayed, woven) = (place.volume("replayed.mha"), place.volume("woven.mha"));
+    let (replayed, reconstructed) = (place.volume("replayed.mha"), place.volume("woven.mha"));
     let place_of = |volume: &Volume| (volume.header.size, volume.header.origin, volume.header.spacing);
-    assert_eq!(place_of(&replayed), place_of(&woven));
-    assert!(replayed.values.iter().any(|value| *value > 0.0) && replayed.values == woven.values);
+    assert_eq!(place_of(&replayed), place_of(&reconstructed));
+    assert!(replayed.values.iter().any(|value| *value > 0.0) && replayed.values == reconstructed.values);
     // Both record the unseen value and the settings.
     for name in ["SonoweaveUnseen", "SonoweaveMethod", "SonoweaveFrames"] {
-        assert_eq!(replayed.field(name), woven.field(name), "{name}");
+        assert_eq!(replayed.field(name), reconstructed.field(name), "{name}");
     }
     let input = replayed.field("SonoweaveInput");
     assert!(input.starts_with("SESSION-") && input.ends_with(".mcap"), "{input}");

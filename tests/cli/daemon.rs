@@ -43,11 +43,11 @@ impl Session {
         Self::at(place, &format!("live --config b.toml --stats s.json {words}"), variables)
     }
 
-    /// Starts a command that runs until it is told to end.
+    /// Starts a command that runs until a signal ends it.
     pub(super) fn at(place: Place, words: &str, variables: &[(&str, &str)]) -> Self {
         let socket = UnixDatagram::bind(place.path("notify")).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
-        let said = std::fs::File::create(place.path("stderr")).unwrap();
+        let log = std::fs::File::create(place.path("stderr")).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
             .args(words.split_whitespace())
             .current_dir(place.path(""))
@@ -55,21 +55,21 @@ impl Session {
             .envs(variables.iter().copied())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(said)
+            .stderr(log)
             .spawn()
             .unwrap();
         Self { child, place, socket }
     }
 
-    pub(super) fn said(&self) -> String {
+    pub(super) fn log(&self) -> String {
         String::from_utf8(self.place.get("stderr")).unwrap()
     }
 
     /// Returns the address that the session prints.
     pub(super) fn address(&self) -> String {
         self.waits_for("an address", || {
-            let said = self.said();
-            let rest = said.split_once("console: http://")?.1;
+            let log = self.log();
+            let rest = log.split_once("console: http://")?.1;
             rest.split_once("/\n").map(|(address, _)| address.to_owned())
         })
     }
@@ -80,22 +80,22 @@ impl Session {
             if let Some(found) = look() {
                 return found;
             }
-            assert!(begin.elapsed() < PATIENCE, "no {what}: {}", self.said());
+            assert!(begin.elapsed() < PATIENCE, "no {what}: {}", self.log());
             std::thread::sleep(Duration::from_millis(50));
         }
     }
 
     /// Returns the next notification to the service manager.
-    fn told(&self) -> String {
+    fn notification(&self) -> String {
         let mut bytes = [0; 4096];
-        let length = self.socket.recv(&mut bytes).unwrap_or_else(|e| panic!("{e}: {}", self.said()));
+        let length = self.socket.recv(&mut bytes).unwrap_or_else(|e| panic!("{e}: {}", self.log()));
         String::from_utf8(bytes[..length].to_vec()).unwrap().trim_end().to_owned()
     }
 
-    fn told_until(&self, what: &str) -> Vec<String> {
+    fn notified_until(&self, what: &str) -> Vec<String> {
         let mut all = Vec::new();
-        while all.last().is_none_or(|told: &String| !told.starts_with(what)) {
-            all.push(self.told());
+        while all.last().is_none_or(|sent: &String| !sent.starts_with(what)) {
+            all.push(self.notification());
         }
         all
     }
@@ -156,12 +156,12 @@ fn session_reports_status_and_ends_on_request() {
     let address = session.address();
     // It reports that it is ready once the devices run, and its status. The watchdog is notified
     // while it progresses.
-    let told = session.told_until("READY=1");
+    let notified = session.notified_until("READY=1");
     assert!(
-        told.iter().all(|told| told.starts_with("STATUS=") || told == "READY=1" || told == "WATCHDOG=1"),
-        "{told:?}"
+        notified.iter().all(|sent| sent.starts_with("STATUS=") || sent == "READY=1" || sent == "WATCHDOG=1"),
+        "{notified:?}"
     );
-    session.told_until("WATCHDOG=1");
+    session.notified_until("WATCHDOG=1");
 
     let used = |numbers: &Value| numbers["frames"]["used"].as_u64().unwrap();
     let first = session.waits_for("frame in the volume", || Some(json(&address)).filter(|numbers| used(numbers) > 5));
@@ -197,9 +197,9 @@ fn session_reports_status_and_ends_on_request() {
     assert_eq!(ask(&address, "localhost", "/healthz"), (200, "moves\n".into()));
     assert_eq!(ask(&address, "example.org", "/status").0, 403);
 
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
-    let told = session.told_until("STOPPING=1");
-    let line = told.iter().rev().find(|told| told.starts_with("STATUS=")).unwrap();
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
+    let notified = session.notified_until("STOPPING=1");
+    let line = notified.iter().rev().find(|sent| sent.starts_with("STATUS=")).unwrap();
     assert!(line.contains(" slices of ") && line.contains(" frames"), "{line}");
     assert!(TcpStream::connect(&address).is_err(), "nobody listens any more");
     let stats = session.place.json("s.json");
@@ -211,14 +211,14 @@ fn session_reports_status_and_ends_on_request() {
     // The same keys are used for the same values.
     let keys = |numbers: &Value| numbers.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
     // The scan guidance concerns the present only.
-    let mut said = keys(&later);
-    assert!(said.remove("coach"), "{said:?}");
-    assert!(said.is_subset(&keys(&stats)), "{said:?} {:?}", keys(&stats));
+    let mut kinds = keys(&later);
+    assert!(kinds.remove("coach"), "{kinds:?}");
+    assert!(kinds.is_subset(&keys(&stats)), "{kinds:?} {:?}", keys(&stats));
     // Losses are reported as errors; on a machine with enough time there are none.
     let lost = |list: &Value| list.as_array().unwrap().iter().map(|of| of["lost"].as_u64().unwrap()).sum::<u64>();
     let dropped = stats["readings"][0]["dropped"].as_u64().unwrap() + sum(&stats["frames"]["dropped"]);
     let lost = lost(&stats["devices"]) + dropped;
-    assert_eq!(session.said().contains("lost: "), lost > 0, "{lost}: {}", session.said());
+    assert_eq!(session.log().contains("lost: "), lost > 0, "{lost}: {}", session.log());
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn trace_is_complete_after_sigint() {
     let mut session = Session::begin("--record rec --picture p.png --trace t.json", &[]);
     let address = session.address();
     session.waits_for("frames", || Some(json(&address)).filter(|n| n["frames"]["used"].as_u64() > Some(20)));
-    assert_eq!(session.ends("-INT"), 0, "{}", session.said());
+    assert_eq!(session.ends("-INT"), 0, "{}", session.log());
     let events = session.place.json("t.json");
     let events = events.as_array().unwrap();
     let frames = |name: &str, phase: &str| -> BTreeSet<u64> {
@@ -261,7 +261,7 @@ fn trace_is_complete_after_sigint() {
 #[test]
 fn second_signal_ends_at_once_with_usable_recording() {
     let mut session = Session::begin("--record r --volume v.mha --quiet", &[]);
-    session.told_until("READY=1");
+    session.notified_until("READY=1");
     let recorded = session.waits_for("recording", || {
         let mut files = std::fs::read_dir(session.place.path("r")).ok()?;
         let path = files.next()?.ok()?.path();
@@ -270,7 +270,7 @@ fn second_signal_ends_at_once_with_usable_recording() {
     let process = session.child.id();
     let both = format!("kill -INT {process}; kill -TERM {process}");
     assert!(Command::new("sh").args(["-c", &both]).status().unwrap().success());
-    assert_eq!(session.child.wait().unwrap().code(), Some(1), "{}", session.said());
+    assert_eq!(session.child.wait().unwrap().code(), Some(1), "{}", session.log());
     assert!(!session.place.path("v.mha").exists(), "nothing more is written");
     let repaired = session.place.path("repaired.mcap");
     let inspected = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
@@ -298,15 +298,15 @@ fn reconstruct_writes_trace() {
 fn sighup_reloads_settings_and_notifies_manager() {
     let mut session = Session::begin("", &[]);
     let address = session.address();
-    session.told_until("READY=1");
+    session.notified_until("READY=1");
     session.place.put("b.toml", SMALL.replace("[volume]", "[scanner]\nfrozen_s = 0.75\n[volume]"));
     session.signal("-HUP");
-    let told = session.told_until("RELOADING=1");
-    let at: u64 = told.last().unwrap().split_once("MONOTONIC_USEC=").unwrap().1.parse().unwrap();
+    let notified = session.notified_until("RELOADING=1");
+    let at: u64 = notified.last().unwrap().split_once("MONOTONIC_USEC=").unwrap().1.parse().unwrap();
     assert!(at > 0);
-    session.told_until("READY=1");
+    session.notified_until("READY=1");
     session.waits_for("new setting", || Some(json(&address)).filter(|n| n["config"]["scanner.frozen_s"] == 0.75));
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
 }
 
 #[test]
@@ -354,8 +354,8 @@ fn realtime_setting_controls_scheduling_request() {
         place.put("b.toml", format!("{}[process]\nrealtime = \"{realtime}\"\n", SMALL.replace("[volume]\n", volume)));
         place.run("live --config b.toml --duration 0.5 --stats s.json")
     };
-    for unwanted in ["never", "if-permitted"] {
-        let ran = run(unwanted);
+    for other in ["never", "if-permitted"] {
+        let ran = run(other);
         assert_eq!(ran.code, 0, "{}", ran.stderr);
         let none = serde_json::json!({ "realtime": false, "memory_locked": false, "why": [] });
         assert_eq!(place.json("s.json")["scheduling"], none, "a virtual bedside asks for nothing");

@@ -9,7 +9,7 @@ fn place() -> Place {
     place
 }
 
-const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.5,0.5,0.7";
+const RECONSTRUCT: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.5,0.5,0.7";
 
 /// Returns whether bytes contain others.
 fn holds(bytes: &[u8], part: &[u8]) -> bool {
@@ -20,8 +20,8 @@ fn holds(bytes: &[u8], part: &[u8]) -> bool {
 fn dicom_from_reconstruct_equals_converted_volume() {
     let place = place();
     let who = "--patient-id 4711 --patient-name Doe^Jane --study-description Knee";
-    place.does(&format!("{WEAVE} -o v.dcm {who}"));
-    place.does(&format!("{WEAVE} -o v.mha"));
+    place.does(&format!("{RECONSTRUCT} -o v.dcm {who}"));
+    place.does(&format!("{RECONSTRUCT} -o v.mha"));
     let said = place.does(&format!("dicom v.mha w.dcm {who}"));
     assert!(said.contains("an enhanced ultrasound volume"), "{said}");
     assert!(place.get("v.dcm") == place.get("w.dcm"));
@@ -50,9 +50,12 @@ fn sweep_has_poses_if_a_route_to_the_world_exists() {
 #[test]
 fn content_unsupported_by_dicom_is_refused() {
     let place = place();
-    place.refuses(&format!("{WEAVE} -o v.dcm --type f32"), &["no floating point", "--type u8 or u16"]);
-    place.refuses(&format!("{WEAVE} -o v.mha --patient-id 4711"), &["DICOM files only", "-o VOL.dcm"]);
-    place.refuses(&format!("{WEAVE} -o v.dcm --acquired 2024"), &["time of acquisition \"2024\"", "fourteen digits"]);
+    place.refuses(&format!("{RECONSTRUCT} -o v.dcm --type f32"), &["no floating point", "--type u8 or u16"]);
+    place.refuses(&format!("{RECONSTRUCT} -o v.mha --patient-id 4711"), &["DICOM files only", "-o VOL.dcm"]);
+    place.refuses(
+        &format!("{RECONSTRUCT} -o v.dcm --acquired 2024"),
+        &["time of acquisition \"2024\"", "fourteen digits"],
+    );
     place.refuses("dicom s.mha s.dcm --study-uid 1.02", &["study UID \"1.02\""]);
     place.refuses("dicom s.mha s.png", &["s.png", ".dcm"]);
     place.refuses("dicom s.mha none/s.dcm", &["none"]);
@@ -61,7 +64,7 @@ fn content_unsupported_by_dicom_is_refused() {
     let deep = Sequence { element: "MET_USHORT", pixel: |_, _, _| vec![1, 2], ..Sequence::default() };
     place.put("d.mha", deep.bytes());
     place.refuses("dicom d.mha d.dcm", &["d.mha: ", "more than 8 bits"]);
-    place.does(&format!("{WEAVE} -o f.mha --type f32"));
+    place.does(&format!("{RECONSTRUCT} -o f.mha --type f32"));
     place.refuses("dicom f.mha f.dcm", &["f.mha: ", "8 or 16 bit"]);
     place.refuses("dicom f.mha f.dcm --frames 0..1", &["apply to sequences only"]);
 }

@@ -17,15 +17,16 @@ fn gaps() -> Place {
     place
 }
 
-const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.4,0.4,0.2";
+const RECONSTRUCT: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.4,0.4,0.2";
 
 #[test]
 fn filled_voxels_have_weight_minus_one() {
     let place = gaps();
-    place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --weights w.mha"));
     for law in ["nearest", "gaussian"] {
-        let said = place
-            .does_narrowly(&format!("{WEAVE} -o f.mha --weights wf.mha --fill {law} --fill-radius 1 --stats s.json"));
+        let said = place.does_narrowly(&format!(
+            "{RECONSTRUCT} -o f.mha --weights wf.mha --fill {law} --fill-radius 1 --stats s.json"
+        ));
         let [v, w, f, wf] = ["v.mha", "w.mha", "f.mha", "wf.mha"].map(|name| place.volume(name));
         assert_eq!((v.header.size, w.header.size), (f.header.size, wf.header.size));
         let (mut seen, mut filled) = (0, 0);
@@ -60,19 +61,19 @@ fn filled_voxels_have_weight_minus_one() {
         assert!(place.does("inspect f.mha --weights wf.mha").contains(&format!("; {filled} filled (")));
     }
     assert!(place.json("s.json")["fill"].is_object());
-    place.does_narrowly(&format!("{WEAVE} -o v.mha --stats s.json"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --stats s.json"));
     assert_eq!(place.json("s.json")["fill"], Value::Null, "off unless asked for");
 }
 
 #[test]
 fn rendering_treats_filled_voxels_as_unseen() {
     let place = gaps();
-    place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
-    place.does_narrowly(&format!("{WEAVE} -o f.mha --weights wf.mha --fill nearest"));
-    for look in ["--mode mip", "--mode slice"] {
-        place.does(&format!("render v.mha --weights w.mha -o v.png {look}"));
-        place.does(&format!("render f.mha --weights wf.mha -o f.png {look}"));
-        assert_eq!(place.get("v.png"), place.get("f.png"), "{look}");
+    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --weights w.mha"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o f.mha --weights wf.mha --fill nearest"));
+    for view_flags in ["--mode mip", "--mode slice"] {
+        place.does(&format!("render v.mha --weights w.mha -o v.png {view_flags}"));
+        place.does(&format!("render f.mha --weights wf.mha -o f.png {view_flags}"));
+        assert_eq!(place.get("v.png"), place.get("f.png"), "{view_flags}");
     }
     // Without weights they are indistinguishable, and the program says so.
     let run = place.run("render f.mha -o g.png --mode mip");
@@ -84,8 +85,8 @@ fn rendering_treats_filled_voxels_as_unseen() {
 #[test]
 fn plane_images_tint_filled_voxels() {
     let place = gaps();
-    place.does_narrowly(&format!("{WEAVE} -o v.mha --planes plain.png"));
-    place.does_narrowly(&format!("{WEAVE} -o f.mha --planes filled.png --fill nearest --fill-radius 1"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --planes plain.png"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o f.mha --planes filled.png --fill nearest --fill-radius 1"));
     let tinted = |name: &str| {
         let picture = image::load_from_memory(&place.get(name)).unwrap().to_rgb8();
         picture.pixels().filter(|colour| colour.0[0].saturating_sub(colour.0[2]) >= 40).count()
@@ -98,10 +99,10 @@ fn plane_images_tint_filled_voxels() {
 fn filling_is_equal_for_all_threads_and_replay() {
     let place = gaps();
     let fill = "--fill gaussian --fill-radius 2";
-    place.does_narrowly(&format!("{WEAVE} -o 1.mha --weights w1.mha {fill} --threads 1"));
-    place.does_narrowly(&format!("{WEAVE} -o 3.mha --weights w3.mha {fill} --threads 3"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o 1.mha --weights w1.mha {fill} --threads 1"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o 3.mha --weights w3.mha {fill} --threads 3"));
     assert!(place.get("1.mha") == place.get("3.mha") && place.get("w1.mha") == place.get("w3.mha"));
-    let replay = WEAVE.replace("reconstruct", "replay");
+    let replay = RECONSTRUCT.replace("reconstruct", "replay");
     place.does_narrowly(&format!("{replay} -o r.mha --weights wr.mha {fill} --picture p.png"));
     assert!(place.get("1.mha") == place.get("r.mha") && place.get("w1.mha") == place.get("wr.mha"));
 }
@@ -110,13 +111,13 @@ fn filling_is_equal_for_all_threads_and_replay() {
 fn invalid_fill_radius_is_refused_first() {
     let place = gaps();
     place.refuses(
-        &format!("{WEAVE} -o v.mha --fill nearest --fill-radius 0.4"),
+        &format!("{RECONSTRUCT} -o v.mha --fill nearest --fill-radius 0.4"),
         &["--fill-radius: ", "0.4 mm", "0.5 mm apart"],
     );
-    place.refuses(&format!("{WEAVE} -o v.mha --fill nearest --fill-radius -1"), &["-1 mm"]);
-    place.refuses(&format!("{WEAVE} -o v.mha --fill gaussian --fill-radius 17"), &["more than 32 voxels"]);
+    place.refuses(&format!("{RECONSTRUCT} -o v.mha --fill nearest --fill-radius -1"), &["-1 mm"]);
+    place.refuses(&format!("{RECONSTRUCT} -o v.mha --fill gaussian --fill-radius 17"), &["more than 32 voxels"]);
     place.refuses("replay s.mha --fill nearest --picture p.png", &["--fill: ", "none is written"]);
-    assert_eq!(place.run(&format!("{WEAVE} -o v.mha --fill-radius 2")).code, 2, "a radius without a law");
+    assert_eq!(place.run(&format!("{RECONSTRUCT} -o v.mha --fill-radius 2")).code, 2, "a radius without a law");
     place.put("bedside.toml", place.does("live --example virtual"));
     place.refuses("live --config bedside.toml --duration 1 --fill nearest", &["--fill: ", "none is written"]);
 }

@@ -50,8 +50,12 @@ fn missing_motion_is_reported_to_the_user() {
         place.run("calibrate pivot --live bedside.toml --stylus Reference --record sessions --duration 3 -o tip.toml");
     assert_eq!((run.code, run.stdout.as_str()), (1, ""), "{}", run.stderr);
     // While it runs, and at its end.
-    let told = "sonoweave:   0 %: the stylus was hardly turned";
-    assert!(run.stderr.contains(told) && run.stderr.contains(".mcap: the stylus was hardly turned"), "{}", run.stderr);
+    let printed = "sonoweave:   0 %: the stylus was hardly turned";
+    assert!(
+        run.stderr.contains(printed) && run.stderr.contains(".mcap: the stylus was hardly turned"),
+        "{}",
+        run.stderr
+    );
     assert!(!place.names().contains("tip.toml"));
     place.refuses_with("calibrate pivot --live bedside.toml --sequence a.mha", &[]);
     for what in ["pivot --sequence a.mha", "latency --sequence a.mha", "tracker --sequence a.mha"] {

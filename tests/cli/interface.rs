@@ -126,5 +126,5 @@ fn metrics(text: &mut String) {
             writeln!(text, "{rest}: {help}").unwrap();
         }
     }
-    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
 }

@@ -111,7 +111,7 @@ fn light_flags_take_effect_and_appear_in_statistics() {
 fn replay_picture_equals_volume_picture_in_every_mode() {
     let place = Place::new();
     place.does("phantom -o s.mha --image-size 40x32 --pixel 0.5 --frames 10 --gap 0.7 --noise 3");
-    for look in [
+    for view_flags in [
         "--mode mip",
         "--mode mip --perspective 40 --step 0.7 --arity 5",
         "--mode average",
@@ -122,15 +122,15 @@ fn replay_picture_equals_volume_picture_in_every_mode() {
         "--mode shaded --transfer phantom --light 0,0,1 --specular 0.5",
     ] {
         for cache in ["none --threads 2", "linear --threads 1", "two-level --threads 3", "one-level"] {
-            let look = format!("--image-size 48x40 --view 40,25 {look}");
+            let view_flags = format!("--image-size 48x40 --view 40,25 {view_flags}");
             place.does(&format!(
-                "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json --cache {cache} {look}"
+                "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json --cache {cache} {view_flags}"
             ));
-            place.does(&format!("render v.mha --weights w.mha -o q.png {look}"));
-            assert!(place.get("p.png") == place.get("q.png"), "{cache} {look}: not the same picture");
+            place.does(&format!("render v.mha --weights w.mha -o q.png {view_flags}"));
+            assert!(place.get("p.png") == place.get("q.png"), "{cache} {view_flags}: not the same picture");
             let picture = image::load_from_memory(&place.get("p.png")).unwrap().to_rgb8();
-            assert!(picture.pixels().filter(|p| p.0[0] > 20).count() > 50, "{look}: something is seen");
-            assert!(look.contains(place.json("s.json")["picture"]["mode"].as_str().unwrap()), "{look}");
+            assert!(picture.pixels().filter(|p| p.0[0] > 20).count() > 50, "{view_flags}: something is seen");
+            assert!(view_flags.contains(place.json("s.json")["picture"]["mode"].as_str().unwrap()), "{view_flags}");
         }
     }
 }

@@ -135,9 +135,9 @@ fn tilted_frame_is_refused_or_upgrades_as_requested() {
     let (s, said) = reconstruct(&place, "--clip none --spacing 0.5");
     assert_eq!((s["path"].as_str().unwrap(), said.as_str()), ("general", ""));
     assert!(s["path_reason"].as_str().unwrap().starts_with("frame 3 lies up to 0."), "{}", s["path_reason"]);
-    let asked = "reconstruct s.mha -o v2.mha --clip none --spacing 0.5 --path planar";
+    let command = "reconstruct s.mha -o v2.mha --clip none --spacing 0.5 --path planar";
     place.refuses(
-        &format!("{asked} --departure refuse"),
+        &format!("{command} --departure refuse"),
         &["--path planar: frame 3", "leaves the scan's plane", "voxel off, 0.25 is allowed", "--departure upgrade"],
     );
     let (s, said) = reconstruct(&place, "--clip none --spacing 0.5 --path planar");

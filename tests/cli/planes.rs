@@ -124,9 +124,9 @@ fn three_planes_show_ramp_values_at_stated_positions() {
 #[test]
 fn free_plane_shows_ramp_values() {
     let place = ramp();
-    let look = "--mode slice --image-size 300x300 --stats s.json";
-    let said =
-        place.does(&format!("render v.mha --weights w.mha -o p.png {look} --plane 9,5,5,0.5,-1,0.7 --window 0,200"));
+    let view_flags = "--mode slice --image-size 300x300 --stats s.json";
+    let said = place
+        .does(&format!("render v.mha --weights w.mha -o p.png {view_flags} --plane 9,5,5,0.5,-1,0.7 --window 0,200"));
     assert!(said.contains("through 9, 5, 5 mm, across 0.38, -0.76, 0.53"), "{said}");
     let s = place.json("s.json");
     let mut seen = 0;
@@ -144,7 +144,7 @@ fn free_plane_shows_ramp_values() {
     });
     assert!(seen > 5000 && s["work"]["pixels_outside"].as_u64().unwrap() > 1000, "{seen} {}", s["work"]);
     // The requested up direction: +x.
-    place.does(&format!("render v.mha -o p.png {look} --plane 9,5,5,0,0,1,1,0,0"));
+    place.does(&format!("render v.mha -o p.png {view_flags} --plane 9,5,5,0,0,1,1,0,0"));
     let [dx, dy, dz] = three(&place.json("s.json")["picture"]["planes"][0]["down_mm"]);
     assert!(dx < 0.0 && dy.abs() < 1e-12 && dz.abs() < 1e-12);
 }
@@ -195,16 +195,16 @@ fn sweep() -> Place {
 fn replay_planes_equal_volume_planes() {
     let place = sweep();
     for flags in ["", "--plane 0,0,0,1,1,1", "--overlay weight --origin 0.13,-7.31,3.7"] {
-        let (look, lattice) =
+        let (view_flags, lattice) =
             flags.split_once(" --origin").map_or((flags, String::new()), |(l, o)| (l, format!("--origin{o}")));
-        let look = format!("--mode slice --image-size 260x250 {look}");
+        let view_flags = format!("--mode slice --image-size 260x250 {view_flags}");
         place.does(&format!(
-            "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {look} {lattice}"
+            "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {view_flags} {lattice}"
         ));
         let s = place.json("s.json");
         assert_eq!((&s["from"], &s["nearest_work"]), (&"volume".into(), &Value::Null));
         assert!(s["planar_work"]["voxels_read"].as_u64().unwrap() > 1000);
-        place.does(&format!("render v.mha --weights w.mha -o q.png {look}"));
+        place.does(&format!("render v.mha --weights w.mha -o q.png {view_flags}"));
         assert!(place.get("p.png") == place.get("q.png"), "{flags}");
     }
 }
@@ -237,9 +237,9 @@ fn raw_planes_show_the_nearest_slices() {
 fn overlays_leave_other_pixels_unchanged() {
     let place = sweep();
     std::fs::create_dir(place.path("way")).unwrap();
-    let look = "--image-size 240x200 --transfer phantom --view 40,25 --clip none --threads 1 --stats s.json";
+    let view_flags = "--image-size 240x200 --transfer phantom --view 40,25 --clip none --threads 1 --stats s.json";
     let replay = |name: &str, flags: &str| {
-        place.does(&format!("replay s.mha --picture {name} {look} {flags}"));
+        place.does(&format!("replay s.mha --picture {name} {view_flags} {flags}"));
         (picture(&place, name), place.json("s.json")["drawn"].clone())
     };
     let (plain, none) = replay("p.png", "--pictures way --every 14");

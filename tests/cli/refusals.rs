@@ -5,7 +5,7 @@ use super::place::Place;
 use super::sequence::{Sequence, deflated, pose};
 
 /// One thread: each further one reserves address space, which is limited below.
-const WEAVE: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json --threads 1";
+const RECONSTRUCT: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json --threads 1";
 
 /// Address space that suffices for every refusal here, kB.
 const MODEST: u64 = 400_000;
@@ -13,7 +13,7 @@ const MODEST: u64 = 400_000;
 fn refused(bytes: impl AsRef<[u8]>, says: &[&str]) {
     let place = Place::new();
     place.put("s.mha", bytes);
-    place.refuses(WEAVE, says);
+    place.refuses(RECONSTRUCT, says);
 }
 
 fn with(change: impl FnOnce(&mut Sequence)) -> Sequence {
@@ -149,7 +149,7 @@ fn impossible_sizes_take_no_memory() {
         let place = Place::new();
         place.put("s.mha", text.replace("DimSize = 40 30 6", &format!("DimSize = {dims}")) + "pixels\n");
         let before = place.names();
-        let run = place.run_within(MODEST, WEAVE);
+        let run = place.run_within(MODEST, RECONSTRUCT);
         place.check_refusal(&run, dims, &["s.mha: field DimSize (byte ", says]);
         assert_eq!(place.names(), before, "{dims}");
     }
@@ -163,13 +163,13 @@ fn decompression_bomb_takes_no_memory() {
     let sequence = with(|s| s.zlib = true);
     place.put("s.mha", [sequence.header(Some(bomb.len())).as_bytes(), &bomb].concat());
     let before = place.names();
-    let run = place.run_within(MODEST, WEAVE);
+    let run = place.run_within(MODEST, RECONSTRUCT);
     place.check_refusal(&run, "a bomb behind the frames", &["s.mha: pixel data of frame "]);
     assert_eq!(place.names(), before);
     // The same if the header promises more than any stream of that length can hold.
     let text = sequence.header(Some(bomb.len())).replace("DimSize = 40 30 6", "DimSize = 8192 8192 240");
     place.put("s.mha", [text.as_bytes(), &bomb].concat());
-    let run = place.run_within(MODEST, WEAVE);
+    let run = place.run_within(MODEST, RECONSTRUCT);
     place.check_refusal(
         &run,
         "a bomb of frames",
@@ -271,7 +271,7 @@ fn existing_output_survives_a_failure() {
     let place = Place::new();
     place.put("v.mha", "precious");
     place.put("s.mha", with(|s| s.status = |_| "INVALID").bytes());
-    place.refuses(WEAVE, &["no frame could be used"]);
+    place.refuses(RECONSTRUCT, &["no frame could be used"]);
     assert_eq!(place.get("v.mha"), b"precious");
 }
 

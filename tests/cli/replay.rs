@@ -9,21 +9,21 @@ fn sweep(flags: &str) -> Place {
     place
 }
 
-const LOOK: &str = "--image-size 64x48 --transfer phantom --view 40,25";
+const VIEW_FLAGS: &str = "--image-size 64x48 --transfer phantom --view 40,25";
 
 /// Replays with a picture and a volume, renders the volume, and returns both pictures.
-fn both(place: &Place, replay: &str, look: &str) -> (Vec<u8>, Vec<u8>) {
+fn both(place: &Place, replay: &str, view_flags: &str) -> (Vec<u8>, Vec<u8>) {
     let run = place.run(&format!(
-        "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {replay} {look}"
+        "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {replay} {view_flags}"
     ));
     assert_eq!(run.code, 0, "{replay}: {}", run.stderr);
-    place.does(&format!("render v.mha --weights w.mha -o q.png {look}"));
+    place.does(&format!("render v.mha --weights w.mha -o q.png {view_flags}"));
     (place.get("p.png"), place.get("q.png"))
 }
 
-fn check(place: &Place, path: &str, replay: &str, look: &str) -> Vec<u8> {
-    let (live, still) = both(place, replay, look);
-    assert!(live == still, "{path} {replay} {look}: not the same picture");
+fn check(place: &Place, path: &str, replay: &str, view_flags: &str) -> Vec<u8> {
+    let (live, still) = both(place, replay, view_flags);
+    assert!(live == still, "{path} {replay} {view_flags}: not the same picture");
     assert_eq!(place.json("s.json")["path"], path, "{replay}");
     let picture = image::load_from_memory(&live).unwrap().to_rgb8();
     assert!(picture.pixels().filter(|p| p.0[0] > 20).count() > 100, "{path} {replay}: something is seen");
@@ -33,7 +33,7 @@ fn check(place: &Place, path: &str, replay: &str, look: &str) -> Vec<u8> {
 #[test]
 fn general_path_picture_equals_its_volume_bitwise() {
     let place = sweep("");
-    let first = check(&place, "general", "--cache none --threads 1", LOOK);
+    let first = check(&place, "general", "--cache none --threads 1", VIEW_FLAGS);
     for replay in [
         "--cache linear --threads 1",
         "--cache none --threads 3",
@@ -42,39 +42,39 @@ fn general_path_picture_equals_its_volume_bitwise() {
         "--cache one-level --threads 1",
         "--cache linear --cache-bytes 1000",
     ] {
-        assert!(check(&place, "general", replay, LOOK) == first, "{replay}");
+        assert!(check(&place, "general", replay, VIEW_FLAGS) == first, "{replay}");
     }
-    check(&place, "general", "--cache linear", &format!("{LOOK} --perspective 40 --step 0.7 --arity 5"));
-    check(&place, "general", "", &format!("{LOOK} --adaptive 0.02"));
+    check(&place, "general", "--cache linear", &format!("{VIEW_FLAGS} --perspective 40 --step 0.7 --arity 5"));
+    check(&place, "general", "", &format!("{VIEW_FLAGS} --adaptive 0.02"));
     // The equality is not trivial: without weights, and without the box of the slices, the
     // picture differs.
-    let (live, _) = both(&place, "", LOOK);
-    place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK} --threads 1"));
+    let (live, _) = both(&place, "", VIEW_FLAGS);
+    place.does(&format!("render v.mha --weights w.mha -o q.png {VIEW_FLAGS} --threads 1"));
     assert!(place.get("q.png") == live);
-    let run = place.run(&format!("render v.mha -o q.png {LOOK}"));
+    let run = place.run(&format!("render v.mha -o q.png {VIEW_FLAGS}"));
     assert!(run.code == 0 && run.stderr.contains("count as not seen") && place.get("q.png") != live, "{}", run.stderr);
     let mut bytes = place.get("v.mha");
     let at = bytes.windows(18).position(|w| w == b"SonoweaveSlicesBox").unwrap();
     bytes[at + 17] = b'y';
     place.put("v.mha", bytes);
-    place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK}"));
+    place.does(&format!("render v.mha --weights w.mha -o q.png {VIEW_FLAGS}"));
     assert!(place.get("q.png") != live);
     // On a lattice with an offset from the world's origin, its bricks differ from the
     // inserter's.
-    check(&place, "general", "--cache linear --origin 0.13,-7.31,3.7", LOOK);
-    check(&place, "general", "--cache linear --compound maximum", LOOK);
-    check(&place, "general", "--cache linear --compound decay --decay exp", LOOK);
+    check(&place, "general", "--cache linear --origin 0.13,-7.31,3.7", VIEW_FLAGS);
+    check(&place, "general", "--cache linear --compound maximum", VIEW_FLAGS);
+    check(&place, "general", "--cache linear --compound decay --decay exp", VIEW_FLAGS);
 }
 
 #[test]
 fn planar_path_picture_equals_its_volume_bitwise() {
     let place = sweep("--trajectory fan");
-    let first = check(&place, "planar", "--cache none --threads 1", LOOK);
+    let first = check(&place, "planar", "--cache none --threads 1", VIEW_FLAGS);
     for replay in ["--cache linear --threads 1", "--cache linear --threads 3", "--cache one-level", "--cache two-level"]
     {
-        assert!(check(&place, "planar", replay, LOOK) == first, "{replay}");
+        assert!(check(&place, "planar", replay, VIEW_FLAGS) == first, "{replay}");
     }
-    check(&place, "planar", "--cache linear --compound decay", LOOK);
+    check(&place, "planar", "--cache linear --compound decay", VIEW_FLAGS);
 }
 
 #[test]
@@ -85,16 +85,16 @@ fn path_change_does_not_change_the_picture() {
         _ => super::sequence::pose(f64::from(frame)),
     };
     place.put("s.mha", super::sequence::Sequence { pose, ..Default::default() }.bytes());
-    let look = "--image-size 64x48 --transfer xray";
+    let view_flags = "--image-size 64x48 --transfer xray";
     for cache in ["none", "linear", "two-level", "one-level"] {
-        check(&place, "planar, then general", &format!("--cache {cache} --path planar --spacing 0.5"), look);
+        check(&place, "planar, then general", &format!("--cache {cache} --path planar --spacing 0.5"), view_flags);
     }
 }
 
 #[test]
 fn rendered_box_is_known_before_the_first_slice() {
     let place = sweep("");
-    place.does(&format!("replay s.mha --clip none --pictures . {LOOK} -o v.mha"));
+    place.does(&format!("replay s.mha --clip none --pictures . {VIEW_FLAGS} -o v.mha"));
     place.does("reconstruct s.mha --clip none -o r.mha");
     let (followed, plain) = (place.volume("v.mha"), place.volume("r.mha"));
     let text = plain.field("SonoweaveSlicesBox").to_owned();
@@ -118,7 +118,7 @@ fn intermediate_pictures_and_statistics_are_written() {
     let place = sweep("");
     std::fs::create_dir(place.path("way")).unwrap();
     let said = place.does(&format!(
-        "replay s.mha --clip none --speed max --picture p.png --pictures way --every 5 --stats s.json --arity 4 --threads 1 {LOOK}"
+        "replay s.mha --clip none --speed max --picture p.png --pictures way --every 5 --stats s.json --arity 4 --threads 1 {VIEW_FLAGS}"
     ));
     assert!(
         said.contains("p.png: 64×48 pixels")
@@ -145,8 +145,9 @@ fn intermediate_pictures_and_statistics_are_written() {
     assert!(!place.names().contains("v.mha"));
     // Too little memory for the cache: this is reported, and nothing else changes.
     let before = place.get("p.png");
-    let run = place
-        .run(&format!("replay s.mha --clip none --picture p.png --cache-bytes 1000 --stats s.json --arity 4 {LOOK}"));
+    let run = place.run(&format!(
+        "replay s.mha --clip none --picture p.png --cache-bytes 1000 --stats s.json --arity 4 {VIEW_FLAGS}"
+    ));
     assert!(run.code == 0 && run.stderr.contains("--cache-bytes"), "{}", run.stderr);
     assert!(place.get("p.png") == before && place.json("s.json")["picture"]["cache"] == "none");
 }

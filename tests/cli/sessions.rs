@@ -65,7 +65,7 @@ fn recorded(place: &Place, seconds: f64) -> String {
 }
 
 /// Returns the statistics that must be equal live and replayed.
-fn fates(stats: &Value) -> [Value; 3] {
+fn outcomes(stats: &Value) -> [Value; 3] {
     let readings = &stats["readings"][0];
     let of_readings = ["total", "used", "refused", "dropped"].map(|key| readings[key].clone());
     let frames = ["total", "used", "refused", "dropped", "waiting"].map(|key| stats["frames"][key].clone());
@@ -84,8 +84,8 @@ impl Daemon {
 
     /// Uses the shell's own `kill`: a bare machine has no other.
     fn signal(&self, name: &str) {
-        let told = Command::new("sh").args(["-c", &format!("kill -{name} {}", self.0.id())]).status().unwrap();
-        assert!(told.success());
+        let status = Command::new("sh").args(["-c", &format!("kill -{name} {}", self.0.id())]).status().unwrap();
+        assert!(status.success());
     }
 
     fn ends(mut self) -> Option<i32> {
@@ -126,7 +126,7 @@ fn session_replays_to_equal_bits_at_any_speed() {
         assert_eq!(run.code, 0, "{speed}: {}", run.stderr);
         assert!(run.stderr.contains(SAME), "{}", run.stderr);
         let again = place.json("again.json");
-        assert_eq!(fates(&live), fates(&again), "{speed}");
+        assert_eq!(outcomes(&live), outcomes(&again), "{speed}");
         assert_eq!((&again["differences"], &again["first_difference"]), (&0.into(), &Value::Null));
         for name in ["{}.mha", "{}-weights.mha", "{}.png"] {
             let [one, other] = ["live", "again"].map(|which| place.get(&name.replace("{}", which)));
@@ -232,7 +232,7 @@ fn sighup_changes_are_repeated_by_the_replay() {
     let run = place.run(&format!("replay {} {AGAIN}", session.display()));
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains(SAME), "{}", run.stderr);
-    assert_eq!(fates(&live), fates(&place.json("again.json")));
+    assert_eq!(outcomes(&live), outcomes(&place.json("again.json")));
     assert!(place.get("live.png") == place.get("again.png"));
     assert_eq!(&place.get("live.png")[16..24], [0, 0, 0, 64, 0, 0, 0, 48], "width and height");
 }

@@ -87,8 +87,8 @@ fn room_map_names_zones_with_metal() {
     assert!(zones.count() > 0 && zones.all().all(|zone| zone.low_mm.x >= 350.0 && zone.rms_mm > 1.0), "{zones:?}");
     assert_eq!((zones.cell_mm(), zones.limit_mm(), file.spacing_mm), (50.0, 1.0, Some([0.5; 3])));
     assert!(file.provenance.starts_with("Distortion: "), "{}", file.provenance);
-    let told = place.does("inspect cal.toml");
-    assert!(told.contains("cells of 50 mm where the tracker errs by more than 1 mm"), "{told}");
+    let printed = place.does("inspect cal.toml");
+    assert!(printed.contains("cells of 50 mm where the tracker errs by more than 1 mm"), "{printed}");
     let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --limit 5");
     assert!(said.contains("are within 5 mm"), "{said}");
 }

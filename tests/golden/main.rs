@@ -118,8 +118,8 @@ fn draw(place: &Place, phantom: &str, drawn: &Drawn) -> RgbImage {
             let volume = DenseVolume::open(&volume, Some(&weights), 1 << 30).unwrap();
             let transfer = Transfer::preset("tissue", volume.range().map(f64::from)).unwrap();
             let [low, high] = volume.bounds();
-            let stage = RenderRegion::new(volume.world_from_lattice(), low, high).unwrap();
-            let mut renderer = Renderer::new(&change(RenderSettings::new([SIDE; 2], transfer)), stage).unwrap();
+            let region = RenderRegion::new(volume.world_from_lattice(), low, high).unwrap();
+            let mut renderer = Renderer::new(&change(RenderSettings::new([SIDE; 2], transfer)), region).unwrap();
             renderer.update_all(&volume);
             RgbImage::from_raw(SIDE, SIDE, renderer.picture().over([0.0; 3])).unwrap()
         }

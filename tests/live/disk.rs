@@ -84,8 +84,8 @@ fn agrees(finished: &Finished, read: &Read) {
     assert_eq!(status.stored, read.messages);
     assert_eq!(status.lost, read.losses.iter().map(Loss::messages).sum::<u64>());
     if lost.total() > 0 {
-        let told: serde_json::Value = serde_json::from_str(read.notes_of("lost").last().unwrap()).unwrap();
-        assert_eq!((told["frames"].as_u64(), told["others"].as_u64()), (Some(lost.frames), Some(lost.others)));
+        let reported: serde_json::Value = serde_json::from_str(read.notes_of("lost").last().unwrap()).unwrap();
+        assert_eq!((reported["frames"].as_u64(), reported["others"].as_u64()), (Some(lost.frames), Some(lost.others)));
     }
     let readings = &ledger.readings[0];
     let unwritten = read.lost("/pose") + lost.others + after_end.others;
@@ -279,8 +279,8 @@ fn recording_ends_properly_before_free_space_limit() {
     let recording = finished.recording.as_ref().unwrap();
     assert!(recording.ended.contains("so that 50 MB stay free"), "{}", recording.ended);
     assert!(recording.after_end.frames > 50 && recording.after_end.others > 100, "{recording:?}");
-    let told = seen.written.last().unwrap();
-    assert!(told.trouble == recording.ended && told.minutes_left.is_none(), "{told:?}");
+    let reported = seen.written.last().unwrap();
+    assert!(reported.trouble == recording.ended && reported.minutes_left.is_none(), "{reported:?}");
     let read = read(&disk.bytes());
     agrees(&finished, &read);
     assert!(read.notes_of("end")[0].contains("so that 50 MB stay free"), "and in the session");

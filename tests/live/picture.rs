@@ -42,7 +42,7 @@ impl ViewClient for Viewer {
     }
 }
 
-fn looked_at(viewer: Viewer) -> Set {
+fn viewed_by(viewer: Viewer) -> Set {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT), all_frames(begin_ns, COUNT));
     Set { looks: Some(Arc::new(viewer)), ..set }
@@ -51,16 +51,16 @@ fn looked_at(viewer: Viewer) -> Set {
 #[test]
 fn stuck_viewer_delays_no_slice_and_skips_are_counted() {
     let answers = Arc::new(AtomicBool::new(false));
-    let mut woven_meanwhile = 0;
-    let set = looked_at(Viewer { answers: Arc::clone(&answers), unable: false, most_hz: 1e9 });
+    let mut inserted_meanwhile = 0;
+    let set = viewed_by(Viewer { answers: Arc::clone(&answers), unable: false, most_hz: 1e9 });
     let (finished, _) = set.until(|status, _| {
         if !answers.load(Ordering::Relaxed) {
-            woven_meanwhile = status.ledger.frames.used;
-            answers.store(woven_meanwhile >= 30, Ordering::Relaxed);
+            inserted_meanwhile = status.ledger.frames.used;
+            answers.store(inserted_meanwhile >= 30, Ordering::Relaxed);
         }
         false
     });
-    assert!(woven_meanwhile >= 30, "slices are inserted while nobody answers");
+    assert!(inserted_meanwhile >= 30, "slices are inserted while nobody answers");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     let drawn = finished.drawn.as_ref().unwrap();
     // Each slice is rendered by itself or with a later one.
@@ -72,7 +72,7 @@ fn stuck_viewer_delays_no_slice_and_skips_are_counted() {
 
 #[test]
 fn failing_viewer_is_reported_and_volume_is_complete() {
-    let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: true, most_hz: 30.0 }).run();
+    let (finished, _) = viewed_by(Viewer { answers: Arc::new(true.into()), unable: true, most_hz: 30.0 }).run();
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     assert!(finished.drawn.is_none() && finished.outcome.is_some());
     let notes = &finished.status.notes;
@@ -82,7 +82,7 @@ fn failing_viewer_is_reported_and_volume_is_complete() {
 #[test]
 fn picture_rate_is_limited_and_last_shows_all_slices() {
     let begun = Instant::now();
-    let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: false, most_hz: 4.0 }).run();
+    let (finished, _) = viewed_by(Viewer { answers: Arc::new(true.into()), unable: false, most_hz: 4.0 }).run();
     let seconds = begun.elapsed().as_secs_f64();
     let drawn = finished.drawn.as_ref().unwrap();
     // The first and the last picture are additional.
@@ -181,7 +181,7 @@ impl ViewClient for Visitor {
     }
 }
 
-/// A session that continues until it is told to end.
+/// A session that continues until a command ends it.
 fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipeline::live::Finished {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
@@ -269,33 +269,33 @@ impl ViewClient for Restyler {
 fn new_style_renders_once_and_last_picture_is_as_configured() {
     let never = Visitor::new(true);
     let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
-    let dresser = Arc::new(Restyler::default());
+    let viewer = Arc::new(Restyler::default());
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
-    let set = Set { looks: Some(Arc::clone(&dresser) as Arc<dyn ViewClient>), ..set };
+    let set = Set { looks: Some(Arc::clone(&viewer) as Arc<dyn ViewClient>), ..set };
     let begun = Instant::now();
     let (mut step, mut asked, mut pictures) = (0, 0, 0);
     let (finished, _) = set.until(|_, _| {
         assert!(begun.elapsed() < Duration::from_secs(20), "step {step}");
-        let now = dresser.asked.load(Ordering::Relaxed);
-        let whole = dresser.seen.lock().unwrap().last().is_some_and(|(slices, _)| *slices == COUNT);
+        let now = viewer.asked.load(Ordering::Relaxed);
+        let whole = viewer.seen.lock().unwrap().last().is_some_and(|(slices, _)| *slices == COUNT);
         match step {
-            0 if whole => (step, pictures) = (1, dresser.pictures()),
+            0 if whole => (step, pictures) = (1, viewer.pictures()),
             1 => {
-                dresser.worn.store(1, Ordering::Relaxed);
+                viewer.worn.store(1, Ordering::Relaxed);
                 step = 2;
             }
-            2 if dresser.pictures() > pictures => (step, asked) = (3, now),
+            2 if viewer.pictures() > pictures => (step, asked) = (3, now),
             // It was rendered once, and is not rendered again.
             3 if now > asked + 5 => {
-                assert_eq!(dresser.pictures(), pictures + 1);
+                assert_eq!(viewer.pictures(), pictures + 1);
                 return true;
             }
             _ => {}
         }
         false
     });
-    let seen = dresser.seen.lock().unwrap();
+    let seen = viewer.seen.lock().unwrap();
     assert!(seen[pictures - 1].1 == expected.renderer.picture() && seen[pictures].1 != expected.renderer.picture());
     let drawn = finished.drawn.unwrap();
     assert!(drawn.renderer.picture() == expected.renderer.picture(), "the last one is as configured");

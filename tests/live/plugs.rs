@@ -212,12 +212,12 @@ fn failed_device_is_reported_at_once_and_other_continues() {
     }
     let mut set = Set::of(Broken(Default::default(), Default::default()), grabber(50.0)).waits(100 * MS);
     set.of = vec!["Probe"];
-    let mut said_while_it_ran = false;
+    let mut reported_while_running = false;
     let (finished, _) = set.until(|status, _| {
-        said_while_it_ran |= status.devices[0].state == "ended" && status.devices[0].why.contains("four joints");
+        reported_while_running |= status.devices[0].state == "ended" && status.devices[0].why.contains("four joints");
         status.ledger.frames.refused.get(&Reason::PoseMissing).is_some_and(|missing| *missing >= 10)
     });
-    assert!(said_while_it_ran);
+    assert!(reported_while_running);
     let (total, used, refused) = frames(&finished);
     assert_eq!((used, refused), (0, vec![(Reason::PoseMissing, total)]));
 }

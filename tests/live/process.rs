@@ -1,4 +1,4 @@
-//! The program itself: killed while it records, run twice on one device, told to record to an
+//! The program itself: killed while it records, run twice on one device, configured to record to an
 //! unwritable folder.
 
 use std::fs;
@@ -48,8 +48,8 @@ fn program(folder: &TempDir, words: &[&str]) -> Child {
 
 /// Waits for a program; returns its exit status and its messages.
 fn ended(mut child: Child) -> (ExitStatus, String) {
-    let said = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
-    (child.wait().unwrap(), said)
+    let log = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+    (child.wait().unwrap(), log)
 }
 
 /// Returns a run's JSON output.
@@ -69,12 +69,12 @@ fn killed_recording_keeps_all_but_the_last_second() {
     bedside(&folder, SMALL);
     let mut child = program(&folder, &["live", "--config", "bedside.toml", "--record", "rec"]);
     // It reports the number of frames periodically.
-    let mut said = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     let frames = |line: String| {
         let words = line.strip_prefix("sonoweave: ")?.split(" slices of ").nth(1)?.split(' ').next()?.to_owned();
         words.parse::<u64>().ok()
     };
-    let told = said.by_ref().filter_map(frames).find(|frames| *frames >= 60).unwrap();
+    let reported = log.by_ref().filter_map(frames).find(|frames| *frames >= 60).unwrap();
     // The reported frames are then older than a second.
     std::thread::sleep(Duration::from_millis(1500));
     child.kill().unwrap();
@@ -84,7 +84,7 @@ fn killed_recording_keeps_all_but_the_last_second() {
     assert_eq!(left.ending, Some(Ending::BrokenOff));
     assert!(left.times.is_sorted());
     let kept = left.frame_numbers.len() as u64;
-    assert!(kept >= told && left.missing == 0, "{kept} of {told}, {} are missing", left.missing);
+    assert!(kept >= reported && left.missing == 0, "{kept} of {reported}, {} are missing", left.missing);
     assert!(left.poses > 2 * kept, "{} {kept}", left.poses);
     let name = file.to_str().unwrap();
     let report = json(&folder, &["inspect", name, "--json"]);
@@ -107,17 +107,17 @@ fn second_process_on_tracker_is_refused_with_the_owner() {
     let words = |stats: &'static str| ["live", "--config", "bedside.toml", "--stats", stats];
     let mut first = program(&folder, &words("first.json"));
     // Once it uses frames, it has the line.
-    let mut said = BufReader::new(first.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let mut log = BufReader::new(first.stderr.take().unwrap()).lines().map_while(Result::ok);
     let uses = |line: &String| line.contains(" slices of ") && !line.starts_with("sonoweave: 0 slices");
-    said.by_ref().find(uses).unwrap();
+    log.by_ref().find(uses).unwrap();
     let process = first.id();
     let for_a_while = [&words("second.json")[..], &["--duration", "5"]].concat();
-    let (status, said_by_second) = ended(program(&folder, &for_a_while));
-    assert!(status.success(), "{said_by_second}");
+    let (status, second_log) = ended(program(&folder, &for_a_while));
+    assert!(status.success(), "{second_log}");
     Command::new("sh").args(["-c", &format!("kill -TERM {process}")]).status().unwrap();
-    assert!(said.count() < 1000 && first.wait().unwrap().success());
+    assert!(log.count() < 1000 && first.wait().unwrap().success());
     let who = format!("another program has it open, sonoweave (process {process}); close that");
-    assert!(said_by_second.contains("tracking is absent") && said_by_second.contains(&who), "{said_by_second}");
+    assert!(second_log.contains("tracking is absent") && second_log.contains(&who), "{second_log}");
     let stats = |name| -> Value { serde_json::from_slice(&fs::read(folder.path().join(name)).unwrap()).unwrap() };
     let [first, second] = ["first.json", "second.json"].map(stats);
     assert_eq!((&second["frames"]["used"], &second["readings"][0]["total"]), (&0.into(), &0.into()));
@@ -136,27 +136,27 @@ fn unwritable_folder_is_refused_at_start() {
     let refused = |config: &str, record: &str| {
         let words = ["live", "--config", config, "--record", record, "--duration", "60", "--stats", "stats.json"];
         let begun = Instant::now();
-        let (status, said) = ended(program(&folder, &words));
-        assert_eq!(status.code(), Some(1), "{said}");
+        let (status, log) = ended(program(&folder, &words));
+        assert_eq!(status.code(), Some(1), "{log}");
         assert!(begun.elapsed() < PATIENCE / 3, "at once, and not after the session");
         assert!(!folder.path().join("stats.json").exists() && !folder.path().join("rec").exists());
-        said
+        log
     };
-    let said = refused("bedside.toml", "file/rec");
-    assert!(said.contains("file/rec") && said.contains("making the folder for sessions failed"), "{said}");
+    let log = refused("bedside.toml", "file/rec");
+    assert!(log.contains("file/rec") && log.contains("making the folder for sessions failed"), "{log}");
     fs::write(folder.path().join("much.toml"), SMALL.replace("keep_free_mb = 1\n", "keep_free_mb = 4000000000\n"))
         .unwrap();
-    let said = refused("much.toml", "rec");
-    assert!(said.contains("MB are free on this disk") && said.contains("keep_free_mb reserves 4000000000"), "{said}");
+    let log = refused("much.toml", "rec");
+    assert!(log.contains("MB are free on this disk") && log.contains("keep_free_mb reserves 4000000000"), "{log}");
 }
 
 #[test]
 fn recorded_bytes_decode_to_the_recorded_readings() {
     let folder = tempfile::tempdir().unwrap();
     bedside(&folder, SMALL);
-    let (status, said) =
+    let (status, log) =
         ended(program(&folder, &["live", "--config", "bedside.toml", "--record", "rec", "--duration", "3", "--quiet"]));
-    assert!(status.success(), "{said}");
+    assert!(status.success(), "{log}");
     let poses = |decode: bool| {
         let settings = SessionSettings {
             device: Some("tracking".into()),

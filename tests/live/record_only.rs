@@ -41,7 +41,7 @@ fn received_samples_equal_a_walk_through_the_recording() {
     let disk = Memory::default();
     let grabber = Script::new("a grabber", video(), of_frames);
     let set = Set::of(tracker, grabber).recorded(disk.clone(), WriterOptions::new("a test"), 0);
-    let (heard, status) = set.record_only();
+    let (received, status) = set.record_only();
     assert_eq!((status.ledger.frames.total, status.ledger.frames.used, status.ledger.frames.waiting), (60, 59, 0));
     assert_eq!(status.ledger.frames.refused.values().sum::<u64>(), 1, "{}", status.ledger);
     assert_eq!(status.ledger.readings[0].used, poses, "{}", status.ledger);
@@ -50,9 +50,9 @@ fn received_samples_equal_a_walk_through_the_recording() {
     std::fs::write(file.path(), disk.bytes()).unwrap();
     let mut walked = Vec::new();
     walk(file.path(), true, roles().into(), Latencies::Given, |device, live| walked.push((device, live))).unwrap();
-    let [heard, walked]: [Vec<_>; 2] = [&heard, &walked].map(|all| all.iter().filter_map(short).collect());
-    assert_eq!(heard.len() as u64, 59 + poses);
-    assert_eq!(heard, walked);
-    let times: Vec<i64> = heard.iter().filter(|(device, ..)| *device == 1).map(|(_, time_ns, _)| *time_ns).collect();
+    let [received, walked]: [Vec<_>; 2] = [&received, &walked].map(|all| all.iter().filter_map(short).collect());
+    assert_eq!(received.len() as u64, 59 + poses);
+    assert_eq!(received, walked);
+    let times: Vec<i64> = received.iter().filter(|(device, ..)| *device == 1).map(|(_, time_ns, _)| *time_ns).collect();
     assert!(times.windows(2).all(|two| two[0] < two[1]) && times[58] - times[0] > SECOND, "{times:?}");
 }

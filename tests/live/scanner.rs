@@ -61,9 +61,9 @@ fn stuck_scanner_is_refused_and_reported_until_it_moves() {
     // The first of the equal frames is an ordinary one; then follows 1 s of repetitions.
     let (finished, seen) = Set::of(poses(begin_ns, 60), with_a_stop(begin_ns, 60, 20..46)).run();
     assert_eq!(frames(&finished), (60, 35, vec![(Reason::SamePicture, 25)]));
-    let told: Vec<f64> = seen.stuck.iter().flatten().copied().collect();
-    assert!(!told.is_empty() && told.iter().all(|seconds| (0.5..=1.0).contains(seconds)), "{:?}", seen.stuck);
-    assert!(told.windows(2).all(|two| two[0] < two[1]), "{told:?}");
+    let reported: Vec<f64> = seen.stuck.iter().flatten().copied().collect();
+    assert!(!reported.is_empty() && reported.iter().all(|seconds| (0.5..=1.0).contains(seconds)), "{:?}", seen.stuck);
+    assert!(reported.windows(2).all(|two| two[0] < two[1]), "{reported:?}");
     assert_eq!((seen.stuck.first(), seen.stuck.last()), (Some(&None), Some(&None)), "withdrawn");
     let at = |n: i64| seen_at(&finished, height_mm(n * FRAME));
     assert!(at(10) && !at(33) && at(52));

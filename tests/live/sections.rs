@@ -97,7 +97,7 @@ impl PlaneViewer for Surgeon {
     }
 }
 
-fn looked_at(surgeon: &Arc<Surgeon>) -> Set {
+fn viewed_by(surgeon: &Arc<Surgeon>) -> Set {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
     Set { cutter: Some(Arc::clone(surgeon) as Arc<dyn PlaneViewer>), ..set }
@@ -119,7 +119,7 @@ fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
 #[test]
 fn planes_equal_the_volume_bitwise() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), ..Surgeon::default() });
-    let (finished, _) = looked_at(&surgeon).until(|status, _| status.ledger.frames.used == COUNT);
+    let (finished, _) = viewed_by(&surgeon).until(|status, _| status.ledger.frames.used == COUNT);
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     are_the_volume_s(&surgeon, &finished);
     let seen = surgeon.seen();
@@ -134,7 +134,7 @@ fn plane_is_sampled_and_shown_only_on_changes() {
     let mut steps = Vec::new();
     let (mut asked, mut last) = (0, CutWork::default());
     let begun = Instant::now();
-    let (finished, _) = looked_at(&surgeon).until(|status, _| {
+    let (finished, _) = viewed_by(&surgeon).until(|status, _| {
         assert!(begun.elapsed() < PATIENCE, "{steps:?}");
         let now = surgeon.asked();
         let work = surgeon.seen().last().map_or(CutWork::default(), |seen| seen.work);
@@ -187,15 +187,15 @@ fn plane_is_sampled_and_shown_only_on_changes() {
 #[test]
 fn stuck_plane_viewer_delays_no_slice() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), stuck: true.into(), ..Surgeon::default() });
-    let mut woven_meanwhile = 0;
-    let (finished, _) = looked_at(&surgeon).until(|status, _| {
+    let mut inserted_meanwhile = 0;
+    let (finished, _) = viewed_by(&surgeon).until(|status, _| {
         if surgeon.stuck.load(Ordering::Relaxed) && !surgeon.seen().is_empty() {
-            woven_meanwhile = status.ledger.frames.used;
-            surgeon.stuck.store(woven_meanwhile < 50, Ordering::Relaxed);
+            inserted_meanwhile = status.ledger.frames.used;
+            surgeon.stuck.store(inserted_meanwhile < 50, Ordering::Relaxed);
         }
         status.ledger.frames.used == COUNT
     });
-    assert!(woven_meanwhile >= 50, "slices are inserted while nobody answers: {woven_meanwhile}");
+    assert!(inserted_meanwhile >= 50, "slices are inserted while nobody answers: {inserted_meanwhile}");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     are_the_volume_s(&surgeon, &finished);
 }

@@ -5,6 +5,7 @@ use reconstruct::settings::MOST_WEIGHT;
 use reconstruct::{Reconstructor, Settings, SettingsError};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Slice};
+use volume::Voxels;
 
 use crate::figures::{Length, Sheet, Test};
 use crate::insertion::{Probe, constant, half_mm, off_constant, seen, weave};

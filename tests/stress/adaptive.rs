@@ -51,8 +51,8 @@ fn field(value: impl Fn([i64; 3]) -> f64 + Sync) -> Field<impl Fn([i64; 3]) -> O
 }
 
 /// Returns the numbers of rays cast and of regions examined.
-fn counted(settings: &RenderSettings, volume: &(impl Values + ?Sized), stage: render::RenderRegion) -> [u64; 2] {
-    let work = Renderer::new(settings, stage).unwrap().update_all(volume).work;
+fn counted(settings: &RenderSettings, volume: &(impl Values + ?Sized), region: render::RenderRegion) -> [u64; 2] {
+    let work = Renderer::new(settings, region).unwrap().update_all(volume).work;
     [work.rays, work.regions]
 }
 
@@ -61,22 +61,22 @@ fn exact(sheet: &mut Sheet) {
     let (mut most, mut saved) = (0, f64::INFINITY);
     for (view, grain) in views().into_iter().flat_map(|view| [0.0, 0.5].map(|grain| (view, grain))) {
         let volume = field(cloud(grain));
-        let stage = volume.stage(millimetres());
+        let region = volume.region(millimetres());
         let settings = RenderSettings { view, ..whole([150, 131], rising(&[(0.0, 0.0), (255.0, 0.2)])) };
-        let full = drawn(&settings, stage, &volume);
-        let [all, _] = counted(&settings, &volume, stage);
+        let full = drawn(&settings, region, &volume);
+        let [all, _] = counted(&settings, &volume, region);
         for cache in Cache::ALL {
             let zero = RenderSettings { adaptive: 0.0, cache, ..settings.clone() };
-            differ += other_bits(&full, &drawn(&zero, stage, &volume));
-            let [rays, split] = counted(&zero, &volume, stage);
+            differ += other_bits(&full, &drawn(&zero, region, &volume));
+            let [rays, split] = counted(&zero, &volume, region);
             regions += split;
             cast_twice += rays - all;
         }
         // Far below the resolution of eight bits.
-        let tiny = drawn(&RenderSettings { adaptive: 1e-6, ..settings.clone() }, stage, &volume);
+        let tiny = drawn(&RenderSettings { adaptive: 1e-6, ..settings.clone() }, region, &volume);
         let off = full.over([0.0; 3]).iter().zip(tiny.over([0.0; 3])).map(|(a, b)| a.abs_diff(b)).max().unwrap();
         most = most.max(off);
-        let [few, _] = counted(&RenderSettings { adaptive: 4.0 * GREY as f32, ..settings }, &volume, stage);
+        let [few, _] = counted(&RenderSettings { adaptive: 4.0 * GREY as f32, ..settings }, &volume, region);
         saved = saved.min(1.0 - few as f64 / all as f64);
     }
     sheet.equal("pixels of other bits at 0, all caches and views", differ, 0);
@@ -96,13 +96,13 @@ fn dot(sheet: &mut Sheet) {
         let adaptive = RenderSettings { adaptive: epsilon as f32, ..settings.clone() };
         let behind = cloud(0.0);
         let without = field(&behind);
-        let stage = without.stage(millimetres());
-        let even = drawn(&settings, stage, &without);
+        let region = without.region(millimetres());
+        let even = drawn(&settings, region, &without);
         for place in 0..16_i64 {
             let at = [22 + place, 25 + place * 5 % 11, 24 + place * 7 % 13];
             let volume = field(|voxel| if voxel == at { 255.0 } else { behind(voxel) });
-            let full = drawn(&settings, stage, &volume);
-            let found = drawn(&adaptive, stage, &volume);
+            let full = drawn(&settings, region, &volume);
+            let found = drawn(&adaptive, region, &volume);
             let off = |a: &[f32; 4], b: &[f32; 4]| (0..4).map(|c| f64::from((a[c] - b[c]).abs())).fold(0.0, f64::max);
             faintest = faintest.min(full.difference(&even)[0]);
             for ((full, found), even) in full.pixels.iter().zip(&found.pixels).zip(&even.pixels) {
@@ -110,7 +110,7 @@ fn dot(sheet: &mut Sheet) {
                     worst = worst.max(off(full, found));
                 }
             }
-            let [[all, _], [few, _]] = [&settings, &adaptive].map(|settings| counted(settings, &volume, stage));
+            let [[all, _], [few, _]] = [&settings, &adaptive].map(|settings| counted(settings, &volume, region));
             saved = saved.min(1.0 - few as f64 / all as f64);
         }
     }

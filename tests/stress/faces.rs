@@ -38,16 +38,16 @@ fn around(sheet: &mut Sheet) {
         let at = body(direction);
         let only = Field { low: [0; 3], high: [23; 3], value: |voxel: [i64; 3]| (voxel == at).then_some(1.0) };
         let none = Field { low: [0; 3], high: [23; 3], value: |_: [i64; 3]| None };
-        let stage = only.stage(millimetres());
+        let region = only.region(millimetres());
         let mut outside = 0;
         for (azimuth, elevation) in views {
             let view = View { azimuth, elevation, ..View::default() };
             // Several rays and samples per cell.
             let settings = RenderSettings { view, step: 0.5, ..whole([80, 80], fog(0.6)) };
-            let exact = reference::render(&only, &settings, &stage).unwrap();
+            let exact = reference::render(&only, &settings, &region).unwrap();
             let mut first = None;
             for cache in [Cache::TwoLevel, Cache::None] {
-                let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, stage).unwrap();
+                let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, region).unwrap();
                 renderer.update(&only, &[[1, 1, 1]]);
                 let picture = renderer.picture();
                 worst = worst.max(exact.difference(&picture)[0]);
@@ -60,8 +60,8 @@ fn around(sheet: &mut Sheet) {
             }
             // Samples beyond the voxel in that direction, in the reference; the renderer must
             // have found them.
-            let camera = render::camera::Camera::new(&view, settings.size, settings.step, &stage).unwrap();
-            let voxel = glam::DVec3::from_array(std::array::from_fn(|a| (at[a] - stage.first()[a]) as f64));
+            let camera = render::camera::Camera::new(&view, settings.size, settings.step, &region).unwrap();
+            let voxel = glam::DVec3::from_array(std::array::from_fn(|a| (at[a] - region.first()[a]) as f64));
             for number in 0..80 * 80 {
                 let ray = camera.ray(number % 80, number / 80);
                 for k in 0..camera.samples() {

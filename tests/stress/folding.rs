@@ -36,10 +36,10 @@ fn speckle(size: [i64; 3]) -> Field<impl Fn([i64; 3]) -> Option<f32> + Sync> {
 
 /// Renders a volume that arrives in two parts with every cache. Returns the number of pixels
 /// whose bits differ from the first cache's, and the first picture.
-fn of_all_caches(settings: &RenderSettings, stage: RenderRegion, volume: &(impl Values + ?Sized)) -> (usize, Picture) {
+fn of_all_caches(settings: &RenderSettings, region: RenderRegion, volume: &(impl Values + ?Sized)) -> (usize, Picture) {
     let (mut differ, mut first) = (0, None);
     for cache in Cache::ALL {
-        let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, stage).unwrap();
+        let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, region).unwrap();
         let bricks: Vec<_> = volume.bricks().collect();
         let (some, others) = bricks.split_at(bricks.len() / 2);
         renderer.update(volume, some);
@@ -54,16 +54,17 @@ fn arities(
     sheet: &mut Sheet,
     settings: &RenderSettings,
     volume: &(impl Values + ?Sized),
-    stage: RenderRegion,
+    region: RenderRegion,
     of: &[u32],
 ) {
-    let samples = Renderer::new(settings, stage).unwrap().samples();
-    let exact = reference::render(volume, settings, &stage).unwrap();
+    let samples = Renderer::new(settings, region).unwrap().samples();
+    let exact = reference::render(volume, settings, &region).unwrap();
     // One block for all samples: the plain sequential composite in single precision.
-    let sequential = drawn(&RenderSettings { arity: Some(samples + 1), ..settings.clone() }, stage, volume);
+    let sequential = drawn(&RenderSettings { arity: Some(samples + 1), ..settings.clone() }, region, volume);
     let (mut differ, mut from_sequential, mut from_exact) = (0, 0.0_f64, 0.0_f64);
     for &arity in of {
-        let (other, picture) = of_all_caches(&RenderSettings { arity: Some(arity), ..settings.clone() }, stage, volume);
+        let (other, picture) =
+            of_all_caches(&RenderSettings { arity: Some(arity), ..settings.clone() }, region, volume);
         differ += other;
         from_sequential = from_sequential.max(picture.difference(&sequential)[0]);
         from_exact = from_exact.max(exact.difference(&picture)[0]);
@@ -79,26 +80,26 @@ fn arities(
 
 fn short(sheet: &mut Sheet) {
     let volume = speckle([7, 9, 6]);
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for (step, perspective) in [(1.0, None), (0.7, Some(30.0))] {
         let view = View { azimuth: 33.0, elevation: 17.0, perspective, ..View::default() };
         let settings = RenderSettings { view, step, ..whole([12, 11], rising(&[(80.0, 0.0), (255.0, 0.9)])) };
-        let samples = Renderer::new(&settings, stage).unwrap().samples();
+        let samples = Renderer::new(&settings, region).unwrap().samples();
         let all: Vec<u32> = (1..=samples + 1).collect();
-        arities(sheet, &settings, &volume, stage, &all);
+        arities(sheet, &settings, &volume, region, &all);
     }
 }
 
 fn long(sheet: &mut Sheet) {
     let volume = speckle([30, 200, 30]);
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for (step, perspective) in [(0.5, None), (1.0, Some(40.0))] {
         let view = View { azimuth: 11.0, elevation: 5.0, perspective, ..View::default() };
         // Thin enough for the far end to matter.
         let settings = RenderSettings { view, step, ..whole([20, 16], rising(&[(80.0, 0.0), (255.0, 0.09)])) };
-        let samples = Renderer::new(&settings, stage).unwrap().samples();
+        let samples = Renderer::new(&settings, region).unwrap().samples();
         let some = [1, 2, 3, 5, 8, 16, 31, 64, 157, samples - 1, samples, samples + 1, u32::MAX];
-        arities(sheet, &settings, &volume, stage, &some);
+        arities(sheet, &settings, &volume, region, &some);
     }
 }
 
@@ -114,11 +115,11 @@ fn middle(picture: &Picture) -> [f32; 4] {
 
 fn halves(sheet: &mut Sheet) {
     let volume = Field { low: [0; 3], high: [2, 1023, 2], value: |_: [i64; 3]| Some(1.0) };
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for perspective in [None, Some(0.2)] {
         for arity in [None, Some(1), Some(16), Some(100), Some(2000)] {
             let settings = RenderSettings { arity, view: View { perspective, ..View::default() }, ..along(fog(0.5)) };
-            let (differ, picture) = of_all_caches(&settings, stage, &volume);
+            let (differ, picture) = of_all_caches(&settings, region, &volume);
             let what = |said: &str| format!("perspective {perspective:?}, arity {arity:?}: {said}");
             sheet.equal(&what("pixels of other bits in other caches"), differ, 0);
             sheet.equal(&what("transmittance, its bits"), middle(&picture)[3].to_bits(), 0);
@@ -135,10 +136,10 @@ fn opaque(sheet: &mut Sheet) {
     let curve = Curve::new(&[(0.0, 1.0)]).unwrap();
     let window = Colour::grey([100.0, 200.0]).unwrap();
     let opaque = Transfer::new(Opacity::Curve(curve), 1.0, window).unwrap();
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for (step, arity) in [(1.0, Some(1)), (1.0, None), (0.3, Some(7)), (2.0, Some(500))] {
         let settings = RenderSettings { step, arity, ..along(opaque.clone()) };
-        let picture = drawn(&settings, stage, &volume);
+        let picture = drawn(&settings, region, &volume);
         let [r, _, _, t] = middle(&picture);
         let what = |said: &str| format!("step {step}, arity {arity:?}: {said}");
         sheet.equal(&what("transmittance behind what is opaque, its bits"), t.to_bits(), 0);
@@ -148,7 +149,7 @@ fn opaque(sheet: &mut Sheet) {
         sheet.equal(
             &what("the bits of the front alone"),
             r.to_bits(),
-            middle(&drawn(&settings, stage, &front))[0].to_bits(),
+            middle(&drawn(&settings, region, &front))[0].to_bits(),
         );
     }
     // Opacities near 0, near 1, and 1, side by side: trilinear samples between them stay within
@@ -160,7 +161,7 @@ fn opaque(sheet: &mut Sheet) {
     for step in [1.0, 0.21, 1.9] {
         let view = View { azimuth: 21.0, elevation: 34.0, ..View::default() };
         let settings = RenderSettings { step, view, ..whole([24, 24], rising(&points)) };
-        let picture = drawn(&settings, mixed.stage(millimetres()), &mixed);
+        let picture = drawn(&settings, mixed.region(millimetres()), &mixed);
         sheet
             .holds(&format!("extremes mixed, step {step}: all within 0 and 1"), sane(&picture, 40.0 * ROUNDING as f32));
         let zero = picture.pixels.iter().filter(|p| p[3] == 0.0).count();
@@ -174,12 +175,12 @@ fn opaque(sheet: &mut Sheet) {
 /// background.
 fn thin(sheet: &mut Sheet) {
     let volume = Field { low: [0; 3], high: [2, 9999, 2], value: |_: [i64; 3]| Some(1.0) };
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for alpha in [1e-8, 2.9e-8, 3.1e-8, 1e-7, 1e-6, 1e-5, 1e-3] {
         let settings = along(fog(alpha));
-        let samples = f64::from(Renderer::new(&settings, stage).unwrap().samples());
-        let picture = drawn(&settings, stage, &volume);
-        let exact = reference::render(&volume, &settings, &stage).unwrap().pixels[12];
+        let samples = f64::from(Renderer::new(&settings, region).unwrap().samples());
+        let picture = drawn(&settings, region, &volume);
+        let exact = reference::render(&volume, &settings, &region).unwrap().pixels[12];
         let [r, _, _, t] = middle(&picture).map(f64::from);
         let what = |said: &str| format!("opacity {alpha:e}: {said}");
         let closed = -(1e4 * (-alpha).ln_1p()).exp_m1();
@@ -197,15 +198,15 @@ fn blocks(sheet: &mut Sheet) {
     // Half the box with a voxel around it is 12, 16, 21, with a diagonal of 29. Samples 1 apart
     // thus lie exactly on voxels.
     let volume = Field { low: [0; 3], high: [22, 30, 40], value: |_: [i64; 3]| Some(1.0) };
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     let alpha = 0.03;
     let settings = whole([13, 21], fog(alpha));
-    let samples = Renderer::new(&settings, stage).unwrap().samples();
+    let samples = Renderer::new(&settings, region).unwrap().samples();
     sheet.equal("samples of a ray of 58 mm", samples, 59);
     let closed = (1.0 - alpha).powi(31);
     for arity in [1, 2, 31, 32, 40, 58, 59, 60, 1000] {
         let (differ, picture) =
-            of_all_caches(&RenderSettings { arity: Some(arity), ..settings.clone() }, stage, &volume);
+            of_all_caches(&RenderSettings { arity: Some(arity), ..settings.clone() }, region, &volume);
         let [r, _, _, t] = picture.pixels[10 * 13 + 6].map(f64::from);
         sheet.equal(&format!("blocks of {arity}: pixels of other bits in other caches"), differ, 0);
         sheet.near(&format!("blocks of {arity}: transmittance of 31 voxels"), t, closed, 62.0 * ROUNDING);
@@ -213,12 +214,12 @@ fn blocks(sheet: &mut Sheet) {
     }
     // A single voxel, of which a ray has one sample.
     let single = Field { low: [0; 3], high: [0; 3], value: |_: [i64; 3]| Some(1.0) };
-    let stage = single.stage(millimetres());
+    let region = single.region(millimetres());
     let step = 3.0_f64.sqrt();
     for arity in [1, 2, 3, 4, 1000] {
         let settings = RenderSettings { step, arity: Some(arity), ..whole([1, 1], fog(alpha)) };
-        let (differ, picture) = of_all_caches(&settings, stage, &single);
-        let samples = Renderer::new(&settings, stage).unwrap().samples();
+        let (differ, picture) = of_all_caches(&settings, region, &single);
+        let samples = Renderer::new(&settings, region).unwrap().samples();
         sheet.equal(&format!("one voxel, blocks of {arity}: samples, most of them beside it"), samples <= 4, true);
         sheet.equal(&format!("one voxel, blocks of {arity}: pixels of other bits in other caches"), differ, 0);
         let t = f64::from(picture.pixels[0][3]);
@@ -228,13 +229,13 @@ fn blocks(sheet: &mut Sheet) {
 
 fn missed(sheet: &mut Sheet) {
     let volume = Field { low: [0; 3], high: [9, 29, 4], value: |_: [i64; 3]| Some(1.0) };
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     // All around the box; from the front, rays can hit only its narrow side.
     let settings = RenderSettings { view: View { turns: true, ..View::default() }, ..whole([64, 48], fog(0.1)) };
     let radius = (5.5_f64.powi(2) + 15.5_f64.powi(2) + 3.0_f64.powi(2)).sqrt();
-    sheet.near("radius of the box and a voxel about it, mm", stage.radius_mm(), radius, 1e-9);
+    sheet.near("radius of the box and a voxel about it, mm", region.radius_mm(), radius, 1e-9);
     for cache in Cache::ALL {
-        let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, stage).unwrap();
+        let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, region).unwrap();
         let work = renderer.update_all(&volume).work;
         let picture = renderer.picture();
         let pixel = 2.0 * radius / 48.0;
@@ -256,7 +257,7 @@ fn missed(sheet: &mut Sheet) {
 
 fn stops(sheet: &mut Sheet) {
     let volume = speckle([40, 50, 30]);
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     // No reflection exceeds 0.4.
     let curve = Opacity::Curve(Curve::new(&[(60.0, 0.0), (255.0, 0.5)]).unwrap());
     let dim = Transfer::new(curve, 1.0, Colour::grey([0.0, 637.5]).unwrap()).unwrap();
@@ -271,11 +272,11 @@ fn stops(sheet: &mut Sheet) {
             cache: Cache::None,
             ..RenderSettings::new([40, 36], dim.clone())
         };
-        let mut all = Renderer::new(&with(0.0), stage).unwrap();
+        let mut all = Renderer::new(&with(0.0), region).unwrap();
         let every = all.update_all(&volume).work.samples;
         let mut last = every;
         for stop in [1.0 / 1024.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0] {
-            let mut renderer = Renderer::new(&with(stop), stage).unwrap();
+            let mut renderer = Renderer::new(&with(stop), region).unwrap();
             let samples = renderer.update_all(&volume).work.samples;
             let picture = renderer.picture();
             let (mut colour, mut rest) = (0.0_f64, 0.0_f64);

@@ -31,7 +31,7 @@ pub(crate) fn tests() -> Vec<Test> {
         }),
         Test::new("07", "the same on a turned lattice", |s| follow(s, turned(0.3, -0.5, 0.9), &looks()[3..])),
         Test::new("35", "what has not changed is read and nothing else, by every cache and on every way", idle),
-        Test::new("35", "slices beside the stage or too dark to be seen cast no ray", unseen),
+        Test::new("35", "slices beside the region or too dark to be seen cast no ray", unseen),
         Test::new("35", "a parked probe updates no voxel and casts no ray, in a replay too", parked),
     ]
 }
@@ -62,7 +62,7 @@ fn weaver(direction: DMat3) -> PathReconstructor {
 }
 
 /// Slices extend beyond it on all sides.
-fn stage(direction: DMat3) -> RenderRegion {
+fn region(direction: DMat3) -> RenderRegion {
     RenderRegion::new(lattice(direction, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-17, -15, -13], [16, 17, 14]).unwrap()
 }
 
@@ -109,7 +109,7 @@ fn looks() -> [(&'static str, RenderSettings); 6] {
 
 /// Renderers with all caches for one view setting, with 1 to 3 threads and every available
 /// instruction set.
-fn following(look: usize, settings: &RenderSettings, stage: RenderRegion) -> Vec<Renderer> {
+fn following(look: usize, settings: &RenderSettings, region: RenderRegion) -> Vec<Renderer> {
     let sets: Vec<Simd> = Simd::ALL.into_iter().filter(|simd| simd.is_available()).collect();
     let with = |(i, cache): (usize, Cache)| {
         let settings = RenderSettings {
@@ -118,7 +118,7 @@ fn following(look: usize, settings: &RenderSettings, stage: RenderRegion) -> Vec
             simd: sets[(2 * look + i) % sets.len()],
             ..settings.clone()
         };
-        Renderer::new(&settings, stage).unwrap()
+        Renderer::new(&settings, region).unwrap()
     };
     Cache::ALL.into_iter().enumerate().map(with).collect()
 }
@@ -129,10 +129,10 @@ fn common(work: &RenderWork) -> [u64; 5] {
 }
 
 fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSettings)]) {
-    let stage = stage(direction);
+    let region = region(direction);
     let mut weaver = weaver(direction);
     let mut all: Vec<Vec<Renderer>> =
-        looks.iter().enumerate().map(|(i, (_, settings))| following(i, settings, stage)).collect();
+        looks.iter().enumerate().map(|(i, (_, settings))| following(i, settings, region)).collect();
     let mut differ = vec![[0_usize; 4]; looks.len()];
     let (mut absurd, mut disagree) = (0, 0);
     let mut shaded = vec![[0_u64; 2]; looks.len()];
@@ -141,7 +141,7 @@ fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSet
         for (look, (_, settings)) in looks.iter().enumerate() {
             // The picture for comparison comes from a renderer without kept data.
             let alone = RenderSettings { cache: Cache::ALL[number as usize % 4], ..settings.clone() };
-            let mut whole = Renderer::new(&alone, stage).unwrap();
+            let mut whole = Renderer::new(&alone, region).unwrap();
             let from_scratch = whole.update_all(weaver.volume()).work;
             let expected = whole.picture();
             let mut first = None;
@@ -169,7 +169,7 @@ fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSet
         let picture = all[look][0].picture();
         let seen = picture.pixels.iter().filter(|p| p[3] < 0.99).count();
         sheet.above(&format!("{name}: pixels in which something is seen"), seen as f64, 150.0);
-        let exact = reference::render(weaver.volume(), settings, &stage).unwrap();
+        let exact = reference::render(weaver.volume(), settings, &region).unwrap();
         let [most, _] = exact.difference(&picture);
         sheet.at_most(&format!("{name}: off the reference"), most, f64::from(settings.stop) + 3e-4);
     }
@@ -186,10 +186,10 @@ fn idle(sheet: &mut Sheet) {
         for cache in Cache::ALL {
             let what = |said: &str| format!("{name}, {}: {said}", cache.name());
             let settings = RenderSettings { cache, ..settings.clone() };
-            let stage = stage(DMat3::IDENTITY);
+            let region = region(DMat3::IDENTITY);
             let mut weaver = weaver(DMat3::IDENTITY);
-            let mut renderer = Renderer::new(&settings, stage).unwrap();
-            let mut plain = Renderer::new(&settings, stage).unwrap();
+            let mut renderer = Renderer::new(&settings, region).unwrap();
+            let mut plain = Renderer::new(&settings, region).unwrap();
             let mut again = RenderWork::default();
             for number in 0..5 {
                 let touched = weaver.insert(&slice(number)).unwrap().bricks;
@@ -213,9 +213,9 @@ fn idle(sheet: &mut Sheet) {
                 volume.values(at, &mut value, &mut weight);
                 (weight[0] > 0.0).then_some(value[0])
             };
-            let [low, high] = stage.bounds();
+            let [low, high] = region.bounds();
             let copy = Field { low, high, value };
-            let mut of_copy = Renderer::new(&settings, stage).unwrap();
+            let mut of_copy = Renderer::new(&settings, region).unwrap();
             of_copy.update_all(&copy);
             let work = of_copy.update_all(&copy).work;
             sheet.equal(&what("another volume twice"), work, read(Values::bricks(&copy).count()));
@@ -239,15 +239,15 @@ fn unseen(sheet: &mut Sheet) {
         let settings = RenderSettings { cache, ..settings.clone() };
         let mut renderer = Renderer::new(&settings, aside).unwrap();
         let work = renderer.update(weaver.volume(), &touched).work;
-        sheet.equal(&format!("{}: beside the stage", cache.name()), work, read(touched.len()));
+        sheet.equal(&format!("{}: beside the region", cache.name()), work, read(touched.len()));
         // In bricks that the box meets, but outside the box.
         let near =
             RenderRegion::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-2; 3], [2; 3]).unwrap();
         let beside = Field { low: [-8; 3], high: [7; 3], value: |[x, _, _]: [i64; 3]| (x > 2).then_some(200.0) };
         let work = Renderer::new(&settings, near).unwrap().update_all(&beside).work;
-        sheet.equal(&format!("{}: in the stage's bricks, beside its box", cache.name()), work, read(8));
+        sheet.equal(&format!("{}: in the region's bricks, beside its box", cache.name()), work, read(8));
         let dark = Field { low: [-9; 3], high: [9; 3], value: |_: [i64; 3]| Some(20.0) };
-        let work = Renderer::new(&settings, stage(DMat3::IDENTITY)).unwrap().update_all(&dark).work;
+        let work = Renderer::new(&settings, region(DMat3::IDENTITY)).unwrap().update_all(&dark).work;
         let expected = RenderWork { bricks_changed: work.bricks_changed, ..read(64) };
         sheet.equal(&format!("{}: too dark to be seen", cache.name()), work, expected);
         sheet.above(&format!("{}: bricks of it", cache.name()), work.bricks_changed as f64, 20.0);
@@ -257,7 +257,7 @@ fn unseen(sheet: &mut Sheet) {
 fn parked(sheet: &mut Sheet) {
     let (_, settings) = &looks()[0];
     let mut weaver = weaver(DMat3::IDENTITY);
-    let mut renderer = Renderer::new(settings, stage(DMat3::IDENTITY)).unwrap();
+    let mut renderer = Renderer::new(settings, region(DMat3::IDENTITY)).unwrap();
     let (mut refused, mut touched) = (0, Vec::new());
     for number in [0, 1, 2, 2, 2, 2, 2, 2] {
         match weaver.insert(&slice(number)) {

@@ -141,7 +141,7 @@ fn body(sheet: &mut Sheet) {
             // So thin that the front does not attenuate the back.
             let thin = rising(&[(0.0, 0.0), (255.0, 2e-4)]);
             let settings = RenderSettings { view, step: 0.5, ..whole([72, 60], thin) };
-            let picture = drawn(&settings, volume.stage(world), &volume);
+            let picture = drawn(&settings, volume.region(world), &volume);
             let (mean, spread) = moments(pixels(&picture, |p| p[0]));
             // The same computed from the voxels.
             let projection = Projection::new(&view, settings.size, direction);
@@ -254,7 +254,7 @@ fn lit_from_aside(sheet: &mut Sheet) {
             let light = light.with_source(Source::Fixed(towards)).unwrap();
             let look = whole([72, 60], rising(&[(0.0, 0.0), (255.0, 0.3)]));
             let settings = RenderSettings { view, light, step: 0.5, ..look };
-            let picture = drawn(&settings, volume.stage(lattice(direction, SPACING, ORIGIN)), &volume);
+            let picture = drawn(&settings, volume.region(lattice(direction, SPACING, ORIGIN)), &volume);
             let (bright, _) = moments(pixels(&picture, |p| p[0]));
             let (all, _) = moments(pixels(&picture, |p| 1.0 - p[3]));
             let off = bright - all;
@@ -269,18 +269,18 @@ fn lit_from_aside(sheet: &mut Sheet) {
 fn wide_angles(sheet: &mut Sheet) {
     let value = |at: [i64; 3]| (random_at(6, at) < 0.8).then(|| (255.0 * random_at(7, at)) as f32);
     let volume = Field { low: [0; 3], high: [25, 19, 30], value };
-    let stage = volume.stage(millimetres());
+    let region = volume.region(millimetres());
     for degrees in [1.0, 90.0, 150.0, 170.0] {
         let view = View { azimuth: 50.0, elevation: -35.0, perspective: Some(degrees), ..View::default() };
         let settings = RenderSettings { view, step: 0.7, ..whole([40, 32], rising(&[(60.0, 0.0), (255.0, 0.3)])) };
-        let picture = drawn(&settings, stage, &volume);
+        let picture = drawn(&settings, region, &volume);
         let what = |said: &str| format!("{degrees}°: {said}");
         sheet.holds(&what("all within 0 and 1"), sane(&picture, 1e-6));
-        let exact = reference::render(&volume, &settings, &stage).unwrap();
+        let exact = reference::render(&volume, &settings, &region).unwrap();
         sheet.at_most(&what("off the reference"), exact.difference(&picture)[0], 3e-5);
         let seen = picture.pixels.iter().filter(|p| p[3] < 0.9).count();
         sheet.above(&what("pixels that see it"), seen as f64, 4.0);
-        let corner = render::camera::Camera::new(&view, settings.size, 1.0, &stage).unwrap().ray(0, 0).base;
+        let corner = render::camera::Camera::new(&view, settings.size, 1.0, &region).unwrap().ray(0, 0).base;
         sheet.holds(&what("a ray's first sample is finite"), corner.is_finite());
     }
 }

@@ -1,6 +1,7 @@
 //! Tests of planes that meet the lattice in awkward ways, and of worlds far from their origin.
 
 use std::collections::BTreeSet;
+use volume::Voxels;
 
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3, Vec3A};
 

@@ -2,6 +2,7 @@
 //! waves.
 
 use std::f64::consts::TAU;
+use volume::Voxels;
 
 use glam::{DMat3, DVec3};
 

@@ -1,6 +1,7 @@
 //! Tests of the memory limit, and of bricks as far apart as indices reach.
 
 use glam::DVec3;
+use volume::Voxels;
 
 use reconstruct::{Reconstructor, Refused, Settings};
 use volume::Brick;

@@ -5,6 +5,7 @@ use mask::Mask;
 use reconstruct::{Settings, Simd};
 use sonoweave_core::region::Fan;
 use sonoweave_core::slice::Slice;
+use volume::Voxels;
 
 use crate::figures::{Length, Sheet, Test};
 use crate::insertion::{Probe, half_mm, noise, state, turned, weave, weighted};

@@ -34,7 +34,7 @@ impl<F: Fn([i64; 3]) -> Option<f32> + Sync> Values for Field<F> {
 
 impl<F> Field<F> {
     /// Returns a render region equal to the field's box.
-    pub(crate) fn stage(&self, world_from_lattice: Transform<World, Volume>) -> RenderRegion {
+    pub(crate) fn region(&self, world_from_lattice: Transform<World, Volume>) -> RenderRegion {
         RenderRegion::new(world_from_lattice, self.low, self.high).unwrap()
     }
 }
@@ -70,8 +70,8 @@ pub(crate) fn whole(size: [u32; 2], transfer: Transfer) -> RenderSettings {
 }
 
 /// Renders a finished volume.
-pub(crate) fn drawn(settings: &RenderSettings, stage: RenderRegion, volume: &(impl Values + ?Sized)) -> Picture {
-    let mut renderer = Renderer::new(settings, stage).unwrap();
+pub(crate) fn drawn(settings: &RenderSettings, region: RenderRegion, volume: &(impl Values + ?Sized)) -> Picture {
+    let mut renderer = Renderer::new(settings, region).unwrap();
     renderer.update_all(volume);
     renderer.picture()
 }

@@ -4,6 +4,7 @@ use mask::Mask;
 use reconstruct::{Compounding, Reconstructor, Refused, Settings, Simd, Touched, Work};
 use sonoweave_core::region::Fan;
 use sonoweave_core::slice::Slice;
+use volume::Voxels;
 use volume::brick_volume::SEEN;
 
 use crate::figures::{Sheet, Test};

@@ -54,8 +54,8 @@ fn aligned(sheet: &mut Sheet) {
     for (view, size, axes) in ALONG {
         let settings = RenderSettings { view, ..whole(size, fog(alpha)) };
         let even = exact_box(|_| Some(1.0));
-        let stage = even.stage(millimetres());
-        let camera = Camera::new(&view, size, 1.0, &stage).unwrap();
+        let region = even.region(millimetres());
+        let camera = Camera::new(&view, size, 1.0, &region).unwrap();
         let off = |i, j| {
             let ray = camera.ray(i, j);
             (ray.base - ray.base.round()).abs().max_element()
@@ -68,7 +68,7 @@ fn aligned(sheet: &mut Sheet) {
         let columns = (0..size[0]).filter(|i| in_a_face(*i, 0, 0)).count();
         let rows = (0..size[1]).filter(|j| in_a_face(0, *j, 1)).count();
         sheet.above(&what("columns and rows of rays in the faces of bricks"), (columns + rows) as f64, 0.0);
-        let picture = drawn(&settings, stage, &even);
+        let picture = drawn(&settings, region, &even);
         sheet.holds(&what("all within 0 and 1"), sane(&picture, 1e-6));
         let inside: BTreeSet<u32> =
             picture.pixels.iter().map(|p| p[3]).filter(|t| *t < 1.0).map(f32::to_bits).collect();
@@ -79,8 +79,8 @@ fn aligned(sheet: &mut Sheet) {
         // Uneven: each sample equals its voxel.
         let uneven = exact_box(|at| (random_at(3, at) < 0.9).then(|| (255.0 * random_at(4, at)) as f32));
         let settings = RenderSettings { transfer: rising(&[(60.0, 0.0), (255.0, 0.2)]), ..settings };
-        let exact = reference::render(&uneven, &settings, &stage).unwrap();
-        let [most, _] = exact.difference(&drawn(&settings, stage, &uneven));
+        let exact = reference::render(&uneven, &settings, &region).unwrap();
+        let [most, _] = exact.difference(&drawn(&settings, region, &uneven));
         sheet.at_most(&what("speckle, off the reference"), most, 1e-5);
     }
 }
@@ -93,7 +93,7 @@ fn along_a_sheet(sheet: &mut Sheet) {
         let level = LOW[down] + SIZE[down] / 2;
         let thin = exact_box(move |at: [i64; 3]| (at[down] == level).then_some(1.0));
         let settings = RenderSettings { view, ..whole(size, fog(alpha)) };
-        let picture = drawn(&settings, thin.stage(millimetres()), &thin);
+        let picture = drawn(&settings, thin.region(millimetres()), &thin);
         let what = |said: &str| format!("along axis {into}, across {right}: {said}");
         let closed = (1.0 - alpha).powi(i32::try_from(SIZE[into]).unwrap());
         let (mut worst, mut beside) = (0.0_f64, 0);
@@ -110,14 +110,14 @@ fn along_a_sheet(sheet: &mut Sheet) {
         }
         sheet.at_most(&what("transmittance off the closed form"), worst, 2e-6);
         sheet.equal(&what("pixels beside the line that see it"), beside, 0);
-        let exact = reference::render(&thin, &settings, &thin.stage(millimetres())).unwrap();
+        let exact = reference::render(&thin, &settings, &thin.region(millimetres())).unwrap();
         sheet.at_most(&what("off the reference"), exact.difference(&picture)[0], 2e-6);
     }
 }
 
 fn nearly_aligned(sheet: &mut Sheet) {
     let uneven = exact_box(|at| (random_at(3, at) < 0.9).then(|| (255.0 * random_at(4, at)) as f32));
-    let stage = uneven.stage(millimetres());
+    let region = uneven.region(millimetres());
     let diagonal = (1.0_f64 / 3.0_f64.sqrt()).asin().to_degrees();
     for (azimuth, elevation, step) in [
         (1e-9, 0.0, 1.0),
@@ -130,8 +130,8 @@ fn nearly_aligned(sheet: &mut Sheet) {
         for perspective in [None, Some(1e-6), Some(25.0)] {
             let view = View { azimuth, elevation, perspective, ..View::default() };
             let settings = RenderSettings { view, step, ..whole([13, 21], rising(&[(60.0, 0.0), (255.0, 0.2)])) };
-            let exact = reference::render(&uneven, &settings, &stage).unwrap();
-            let picture = drawn(&settings, stage, &uneven);
+            let exact = reference::render(&uneven, &settings, &region).unwrap();
+            let picture = drawn(&settings, region, &uneven);
             let what = |said: &str| format!("{azimuth}°, {elevation:.4}°, {perspective:?}: {said}");
             sheet.holds(&what("all within 0 and 1"), sane(&picture, 1e-6));
             // In a perspective of nearly 0° the eye is so far away that f64 resolves a voxel
@@ -143,10 +143,10 @@ fn nearly_aligned(sheet: &mut Sheet) {
 
 /// Crossings of a ray with two planes across axis 1 of the render region, in samples; `None`
 /// near the other four faces of the box.
-fn crossing(camera: &Camera, stage: &RenderRegion, [i, j]: [u32; 2], margin: f64) -> Option<[f64; 2]> {
+fn crossing(camera: &Camera, region: &RenderRegion, [i, j]: [u32; 2], margin: f64) -> Option<[f64; 2]> {
     let ray = camera.ray(i, j);
     let [low, high] =
-        stage.bounds().map(|at| DVec3::from_array(std::array::from_fn(|a| (at[a] - stage.first()[a]) as f64)));
+        region.bounds().map(|at| DVec3::from_array(std::array::from_fn(|a| (at[a] - region.first()[a]) as f64)));
     let mut at = [low.y - 0.5, high.y + 0.5].map(|y| (y - ray.base.y) / ray.step.y);
     at.sort_by(f64::total_cmp);
     let away = at.iter().all(|k| {
@@ -162,7 +162,7 @@ fn crossing(camera: &Camera, stage: &RenderRegion, [i, j]: [u32; 2], margin: f64
 fn absorption(sheet: &mut Sheet) {
     let (alpha, pitch, n) = (0.05, 0.5, 20_u8);
     let even = Field { low: [0; 3], high: [119, i64::from(n) - 1, 119], value: |_: [i64; 3]| Some(1.0) };
-    let stage = even.stage(lattice(turned(0.2, 0.4, -0.3), DVec3::splat(pitch), DVec3::new(3.0, -5.0, 40.0)));
+    let region = even.region(lattice(turned(0.2, 0.4, -0.3), DVec3::splat(pitch), DVec3::new(3.0, -5.0, 40.0)));
     for (azimuth, elevation, perspective) in [
         (-17.0, 12.0, None),
         (20.0, 30.0, None),
@@ -173,15 +173,17 @@ fn absorption(sheet: &mut Sheet) {
         for step in [0.25, 0.5, 1.0, 2.0] {
             let view = View { azimuth, elevation, roll: 10.0, perspective, turns: false, ..View::default() };
             let settings = RenderSettings { view, step, ..whole([25, 25], fog(alpha)) };
-            let camera = Camera::new(&view, settings.size, step, &stage).unwrap();
-            let picture = drawn(&settings, stage, &even);
+            let camera = Camera::new(&view, settings.size, step, &region).unwrap();
+            let picture = drawn(&settings, region, &even);
             let h = camera.step_mm();
             let depth = -h * (-alpha).ln_1p();
             let a = -(-depth).exp_m1();
             let flank = 1.0 + (1.0 - a) * (-a).ln_1p() / a;
             let (mut worst, mut sum, mut rays) = (0.0_f64, 0.0, 0);
             for (number, pixel) in (0_u32..).zip(&picture.pixels) {
-                let Some([enter, leave]) = crossing(&camera, &stage, [number % 25, number / 25], 3.0) else { continue };
+                let Some([enter, leave]) = crossing(&camera, &region, [number % 25, number / 25], 3.0) else {
+                    continue;
+                };
                 // Samples per voxel of thickness.
                 let a_voxel = (leave - enter) / f64::from(n);
                 let closed = a_voxel * (f64::from(n - 1) * depth + 2.0 * flank);
@@ -206,21 +208,21 @@ fn entry_and_exit(sheet: &mut Sheet) {
     let (alpha, pitch) = (0.002, 0.5);
     let value = |[_, y, _]: [i64; 3]| Some(20.0 + 5.0 * y as f32);
     let cube = Field { low: [-3, 0, 5], high: [36, 39, 44], value };
-    let stage = cube.stage(lattice(turned(0.1, -0.2, 0.15), DVec3::splat(pitch), DVec3::new(-20.0, 7.0, 1.0)));
+    let region = cube.region(lattice(turned(0.1, -0.2, 0.15), DVec3::splat(pitch), DVec3::new(-20.0, 7.0, 1.0)));
     let curve = Opacity::Curve(Curve::new(&[(0.0, alpha)]).unwrap());
     let transfer = Transfer::new(curve, 1.0, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
-    let first = stage.first()[1] as f64;
+    let first = region.first()[1] as f64;
     for (azimuth, elevation, perspective) in
         [(12.0, 9.0, None), (20.0, -22.0, None), (12.0, 9.0, Some(40.0)), (5.0, -8.0, Some(75.0))]
     {
         let view = View { azimuth, elevation, perspective, ..View::default() };
         let settings = RenderSettings { view, step: 0.25, ..whole([31, 31], transfer.clone()) };
-        let camera = Camera::new(&view, settings.size, settings.step, &stage).unwrap();
-        let picture = drawn(&settings, stage, &cube);
+        let camera = Camera::new(&view, settings.size, settings.step, &region).unwrap();
+        let picture = drawn(&settings, region, &cube);
         let (mut entry, mut exit, mut rays) = (0.0_f64, 0.0_f64, 0);
         for (number, pixel) in (0_u32..).zip(&picture.pixels) {
             let at = [number % 31, number / 31];
-            let Some(expected) = crossing(&camera, &stage, at, 3.0) else { continue };
+            let Some(expected) = crossing(&camera, &region, at, 3.0) else { continue };
             let [brightness, _, _, t] = pixel.map(f64::from);
             let per_sample = -camera.step_mm() * (-alpha).ln_1p();
             let samples = -t.ln() / per_sample;

@@ -98,11 +98,11 @@ fn shells(sheet: &mut Sheet) {
         [("the whole box", (|_| true) as fn([i64; 3]) -> bool), ("planes missing", ends), ("holes", holes)]
     {
         let part = Field { low, high, value: |at: [i64; 3]| seen(at).then(|| ramp(at) as f32) };
-        let stage = part.stage(millimetres());
+        let region = part.region(millimetres());
         for perspective in [None, Some(60.0)] {
             let view = View { azimuth: 33.0, elevation: 21.0, perspective, ..View::default() };
             let settings = RenderSettings { view, stop: 0.0, ..RenderSettings::new([32, 30], steep_only()) };
-            let picture = drawn(&settings, stage, &part);
+            let picture = drawn(&settings, region, &part);
             let opaque = picture.pixels.iter().filter(|p| **p != [0.0, 0.0, 0.0, 1.0]).count();
             sheet.equal(&format!("{name}, {perspective:?}: pixels that see a shell"), opaque, 0);
         }
@@ -110,7 +110,7 @@ fn shells(sheet: &mut Sheet) {
     // The same transfer function does show a step inside.
     let wall = Field { low, high, value: |at: [i64; 3]| Some(ramp(at) as f32 + if at[1] > 12 { 40.0 } else { 0.0 }) };
     let settings = RenderSettings::new([32, 30], steep_only());
-    let seen = drawn(&settings, wall.stage(millimetres()), &wall).pixels.iter().filter(|p| p[3] < 0.5).count();
+    let seen = drawn(&settings, wall.region(millimetres()), &wall).pixels.iter().filter(|p| p[3] < 0.5).count();
     sheet.above("a wall inside: pixels that see it", seen as f64, 500.0);
 }
 
@@ -129,14 +129,14 @@ fn ambient(sheet: &mut Sheet) {
                 let view = View { azimuth: -50.0, elevation: 12.0, perspective, ..View::default() };
                 let settings =
                     RenderSettings { light, view, stop: 0.0, ..RenderSettings::new([24, 20], transfer.clone()) };
-                let stage = even.stage(world_from_lattice);
-                let picture = drawn(&settings, stage, &even);
+                let region = even.region(world_from_lattice);
+                let picture = drawn(&settings, region, &even);
                 let what = |said: &str| format!("{name}, {placed}, {perspective:?}: {said}");
                 sheet.holds(&what("all within 0 and 1"), sane(&picture, 1e-6));
                 let off = |[r, _, _, t]: [f64; 4]| (r - 0.35 * 180.0 / 255.0 * (1.0 - t)).abs();
                 let worst = picture.pixels.iter().map(|p| off(p.map(f64::from))).fold(0.0, f64::max);
                 sheet.at_most(&what("brightness off ambient light"), worst, 2e-6);
-                let exact = reference::render(&even, &settings, &stage).unwrap();
+                let exact = reference::render(&even, &settings, &region).unwrap();
                 let worst = exact.pixels.iter().map(|p| off(*p)).fold(0.0, f64::max);
                 sheet.at_most(&what("the reference's off ambient light"), worst, 1e-13);
             }
@@ -166,13 +166,13 @@ fn woven(sheet: &mut Sheet) {
     }
     sheet.above("voxels seen", f64::from(places), 5_000.0);
     sheet.at_most("steepest slope, of what counts as flat", steepest / FLAT_PER_MM, 0.5);
-    let stage =
+    let region =
         RenderRegion::new(lattice(glam::DMat3::IDENTITY, DVec3::splat(0.5), DVec3::ZERO), [-24; 3], [24; 3]).unwrap();
     let curve = Opacity::Curve(Curve::new(&[(0.0, 0.3)]).unwrap());
     let transfer = Transfer::new(curve, 1.0, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
     let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
     let settings = RenderSettings { view, stop: 0.0, ..RenderSettings::new([40, 40], transfer) };
-    let picture = drawn(&settings, stage, weaver.volume());
+    let picture = drawn(&settings, region, weaver.volume());
     let seen = picture.pixels.iter().filter(|p| p[3] < 0.5).count();
     sheet.above("pixels that see it", seen as f64, 200.0);
     let off = |[r, _, _, t]: [f64; 4]| (r - 0.3 * 200.0 / 255.0 * (1.0 - t)).abs();

@@ -56,7 +56,7 @@ pub enum Steer {
 #[derive(Debug, Clone, Copy)]
 struct LastPicture {
     camera: Camera,
-    world_from_stage: DAffine3,
+    world_from_region: DAffine3,
 }
 
 /// The requested view.
@@ -77,8 +77,8 @@ impl OrbitCamera {
 
     /// Records a rendered picture.
     pub fn drawn(&mut self, renderer: &Renderer) {
-        let (camera, world_from_stage) = (*renderer.camera(), renderer.stage().world_from_stage());
-        self.shown = Some(LastPicture { camera, world_from_stage });
+        let (camera, world_from_region) = (*renderer.camera(), renderer.region().world_from_region());
+        self.shown = Some(LastPicture { camera, world_from_region });
     }
 
     /// Returns the pixel position of a world point (mm) in the last picture; whole numbers are
@@ -123,13 +123,13 @@ impl OrbitCamera {
         if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
             return Err("a point in the picture must be two fractions of its sides, from 0 to 1".into());
         }
-        let Some(LastPicture { camera, world_from_stage }) = self.shown else {
+        let Some(LastPicture { camera, world_from_region }) = self.shown else {
             return Err("there is no picture yet to centre a point in".into());
         };
         let [width, height] = camera.size().map(f64::from);
         let ray = camera.ray_through([at[0] * width - 0.5, at[1] * height - 0.5]);
         let middle = ray.base + ray.step * (0.5 * f64::from(camera.samples() - 1));
-        Ok(Some(world_from_stage.transform_point3(middle)))
+        Ok(Some(world_from_region.transform_point3(middle)))
     }
 }
 
@@ -206,7 +206,7 @@ mod tests {
         let aim = view.aim.unwrap();
         let before = renderer.camera().project_world(aim).unwrap();
         assert!((before[0] - 23.5).abs() < 1e-9 && (before[1] - 23.5).abs() < 1e-9, "{before:?}");
-        renderer.look(view).unwrap();
+        renderer.set_view(view).unwrap();
         let after = renderer.camera().project_world(aim).unwrap();
         assert!((after[0] - 59.5).abs() < 1e-9 && (after[1] - 39.5).abs() < 1e-9, "{after:?}");
         for (steer, says) in [

@@ -154,7 +154,7 @@ fn status_returns_current_statistics() {
     let settings = GuidanceSettings { spacing, mask: MaskSettings::default(), calibration: Some("It is old.".into()) };
     let (latest, coach) = (session(), ScanGuidance::new(settings));
     for at_ns in [0, 1_000_000_000] {
-        latest.coached(coach.tell(&eventful(), at_ns));
+        latest.coached(coach.status(&eventful(), at_ns));
     }
     let (_, _, body) = get_as(&latest, "localhost:9110", "/status");
     let told: Value = serde_json::from_str(&body).unwrap();

@@ -171,9 +171,9 @@ impl<'a> Entry<'a> {
         }
     }
 
-    /// Returns an error about a value of another kind than `wanted`.
-    pub fn wrong(&self, wanted: &str) -> FileError {
-        self.error(format!("must be {wanted}, not {}", self.kind()))
+    /// Returns an error about a value of another kind than `expected`.
+    pub fn wrong(&self, expected: &str) -> FileError {
+        self.error(format!("must be {expected}, not {}", self.kind()))
     }
 
     /// Returns the line where the value begins, from 1.
@@ -202,11 +202,6 @@ impl<'a> Entry<'a> {
     /// Returns the text, if it is one; for keys that take other types too.
     pub fn as_text(&self) -> Option<&'a str> {
         self.value.as_str()
-    }
-
-    /// Returns whether it is a list; for keys that take other types too.
-    pub fn is_list(&self) -> bool {
-        self.value.as_array().is_some()
     }
 
     /// Returns a boolean.
@@ -254,8 +249,8 @@ impl<'a> Entry<'a> {
     }
 
     /// Returns the elements of a list.
-    pub fn items(&self, wanted: &str) -> Result<Vec<Entry<'a>>, FileError> {
-        let items = self.value.as_array().ok_or_else(|| self.wrong(wanted))?;
+    pub fn items(&self, expected: &str) -> Result<Vec<Entry<'a>>, FileError> {
+        let items = self.value.as_array().ok_or_else(|| self.wrong(expected))?;
         Ok(items
             .iter()
             .enumerate()
@@ -305,7 +300,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
     Ok(text)
 }
 
-/// Reason why a text does not hold the wanted numbers.
+/// Reason why a text does not hold the expected numbers.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BadNumbers {
     /// A word is not a number; long words are shortened.
@@ -320,10 +315,10 @@ pub enum BadNumbers {
         word: String,
     },
     /// The text holds more numbers, or fewer.
-    #[error("must hold {wanted} number{}, not {found}", if *.wanted == 1 { "" } else { "s" })]
+    #[error("must hold {expected} number{}, not {found}", if *.expected == 1 { "" } else { "s" })]
     Count {
-        /// The wanted count.
-        wanted: usize,
+        /// The expected count.
+        expected: usize,
         /// The count found.
         found: usize,
     },
@@ -347,7 +342,7 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], BadNumbers> {
         }
         found += 1;
     }
-    if found == N { Ok(numbers) } else { Err(BadNumbers::Count { wanted: N, found }) }
+    if found == N { Ok(numbers) } else { Err(BadNumbers::Count { expected: N, found }) }
 }
 
 /// Lets `?` pass the sentence on in functions whose error is a text.

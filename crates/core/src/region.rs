@@ -113,6 +113,7 @@ pub struct FanTest {
 
 impl FanTest {
     /// Returns whether the point (u, v), in pixels, lies in the sector.
+    #[inline]
     pub fn contains(&self, u: f64, v: f64) -> bool {
         let (x, y) = (u - self.origin[0], v - self.origin[1]);
         let radius = x.hypot(y);

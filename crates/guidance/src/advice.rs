@@ -70,7 +70,7 @@ struct Kept {
     advice: Advice,
     first_ns: i64,
     last_ns: i64,
-    is_said: bool,
+    is_shown: bool,
 }
 
 /// State of the advice between calls.
@@ -89,19 +89,19 @@ impl AdviceDebouncer {
                     (kept.advice, kept.last_ns) = (advice.clone(), now_ns);
                 }
                 None => {
-                    self.kept.push(Kept { advice: advice.clone(), first_ns: now_ns, last_ns: now_ns, is_said: false })
+                    self.kept.push(Kept { advice: advice.clone(), first_ns: now_ns, last_ns: now_ns, is_shown: false })
                 }
             }
         }
         // A condition that is not reported yet must be met at every call.
-        self.kept.retain(|kept| if kept.is_said { now_ns - kept.last_ns < GONE_NS } else { kept.last_ns == now_ns });
+        self.kept.retain(|kept| if kept.is_shown { now_ns - kept.last_ns < GONE_NS } else { kept.last_ns == now_ns });
         for kept in &mut self.kept {
-            kept.is_said |= now_ns - kept.first_ns >= BELIEVED_NS;
+            kept.is_shown |= now_ns - kept.first_ns >= BELIEVED_NS;
         }
-        let mut said: Vec<Advice> =
-            self.kept.iter().filter(|kept| kept.is_said).map(|kept| kept.advice.clone()).collect();
-        said.sort_by_key(|advice| rank(&advice.key));
-        said
+        let mut shown: Vec<Advice> =
+            self.kept.iter().filter(|kept| kept.is_shown).map(|kept| kept.advice.clone()).collect();
+        shown.sort_by_key(|advice| rank(&advice.key));
+        shown
     }
 }
 
@@ -116,7 +116,7 @@ fn rank(key: &str) -> usize {
 
 fn seen(signs: &Signs<'_>) -> Vec<Advice> {
     let mut all = Vec::new();
-    let mut say = |how, key: Cow<'static, str>, sentence: String, more: String| {
+    let mut add = |how, key: Cow<'static, str>, sentence: String, more: String| {
         all.push(Advice { how, key, sentence, more });
     };
     for SensorStatus { name, invalid, why } in signs.sensors {
@@ -124,16 +124,16 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         let more = format!("{percent:.0} % of its poses of the last second are not valid: {why}.");
         if *invalid > OUT {
             let sentence =
-                format!("{} is out of the tracker's range: bring it back, and see to its cable.", called(name));
-            say(How::Bad, format!("tracker-lost {name}").into(), sentence, more);
+                format!("{} is out of the tracker's range: bring it back, and see to its cable.", sensor_name(name));
+            add(How::Bad, format!("tracker-lost {name}").into(), sentence, more);
         } else if *invalid > BADLY {
-            let sentence = format!("The tracker sees {} badly: bring it nearer.", called(name).to_lowercase());
-            say(How::Heed, format!("tracker-weak {name}").into(), sentence, more);
+            let sentence = format!("The tracker sees {} badly: bring it nearer.", sensor_name(name).to_lowercase());
+            add(How::Heed, format!("tracker-weak {name}").into(), sentence, more);
         }
     }
     let account = signs.account;
     if let Some(seconds) = account.stuck_s {
-        say(
+        add(
             How::Bad,
             "frozen".into(),
             "The scanner is frozen: unfreeze it to go on.".into(),
@@ -142,7 +142,7 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
     }
     // A stuck image gives no information about the present contact.
     if signs.contact == Contact::Lost && account.stuck_s.is_none() {
-        say(
+        add(
             How::Bad,
             "contact".into(),
             "No contact: add gel and press the probe on.".into(),
@@ -150,13 +150,13 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         );
     }
     match signs.speed {
-        Some(SpeedStatus { verdict: Verdict::TooFast, edge_mm_per_s, gapless_mm_per_s, .. }) => say(
+        Some(SpeedStatus { verdict: Verdict::TooFast, edge_mm_per_s, gapless_mm_per_s, .. }) => add(
             How::Bad,
             "too-fast".into(),
             format!("Slow down: {edge_mm_per_s:.0} mm/s where {gapless_mm_per_s:.0} mm/s leaves no gaps."),
             "Slices lie too far apart across the picture.".into(),
         ),
-        Some(SpeedStatus { verdict: Verdict::Fast, edge_mm_per_s, even_mm_per_s, .. }) => say(
+        Some(SpeedStatus { verdict: Verdict::Fast, edge_mm_per_s, even_mm_per_s, .. }) => add(
             How::Heed,
             "fast".into(),
             format!("Slower is better: {edge_mm_per_s:.0} mm/s where {even_mm_per_s:.0} mm/s makes an even volume."),
@@ -165,7 +165,7 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         _ => {}
     }
     if account.distortion.is_some_and(|found| found.rms_mm.is_some()) {
-        say(
+        add(
             How::Heed,
             "bent".into(),
             "Metal bends the tracker's field here: move it away, or scan elsewhere.".into(),
@@ -175,21 +175,21 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
     let HolesStatus { open, beyond, nearest, .. } = signs.holes;
     if *open > 0 {
         let holes = if *open == 1 { "One part was left out".into() } else { format!("{open} parts were left out") };
-        let way = nearest.as_ref().map_or("go back and sweep over them slowly".into(), String::clone);
+        let direction = nearest.as_ref().map_or("go back and sweep over them slowly".into(), String::clone);
         let more = match beyond {
             0 => String::new(),
             beyond => format!("{beyond} further gaps were not kept."),
         };
-        say(How::Heed, "holes".into(), format!("{holes}: {way}."), more);
+        add(How::Heed, "holes".into(), format!("{holes}: {direction}."), more);
     }
     if let Some(sentence) = signs.calibration {
-        say(How::Heed, "calibration".into(), sentence.into(), String::new());
+        add(How::Heed, "calibration".into(), sentence.into(), String::new());
     }
     all
 }
 
 /// Returns the name of a sensor, by its frame.
-fn called(name: &str) -> String {
+fn sensor_name(name: &str) -> String {
     match name {
         "Probe" => "The probe's sensor".into(),
         "Reference" => "The patient's sensor".into(),

@@ -129,7 +129,7 @@ fn grey(image: &Image, u: u32, v: u32) -> u8 {
 /// Contact history of recent images.
 #[derive(Debug, Default)]
 pub struct Coupling {
-    looked_ns: Option<i64>,
+    inspected_ns: Option<i64>,
     answered_ns: Option<i64>,
     silent_since_ns: Option<i64>,
     pictures: u64,
@@ -138,13 +138,13 @@ pub struct Coupling {
 impl Coupling {
     /// Returns whether an image of this time is to be evaluated.
     pub fn is_due(&self, captured_ns: i64) -> bool {
-        self.looked_ns.is_none_or(|looked| !(0..EVERY_NS).contains(&(captured_ns - looked)))
+        self.inspected_ns.is_none_or(|inspected| !(0..EVERY_NS).contains(&(captured_ns - inspected)))
     }
 
     /// Evaluates an image.
-    pub fn look(&mut self, image: &Image, mask: &Mask, captured_ns: i64) {
+    pub fn inspect(&mut self, image: &Image, mask: &Mask, captured_ns: i64) {
         self.pictures += 1;
-        self.looked_ns = Some(captured_ns);
+        self.inspected_ns = Some(captured_ns);
         if Depth::of(image, mask).answers() {
             (self.answered_ns, self.silent_since_ns) = (Some(captured_ns), None);
         } else {
@@ -159,9 +159,9 @@ impl Coupling {
 
     /// Returns the contact state at a time, ns.
     pub fn contact(&self, now_ns: i64) -> Contact {
-        match (self.looked_ns, self.silent_since_ns) {
-            (Some(looked), _) if now_ns - looked > STALE_NS => Contact::Unknown,
-            (Some(looked), Some(since)) if looked - since >= LOST_NS => Contact::Lost,
+        match (self.inspected_ns, self.silent_since_ns) {
+            (Some(inspected), _) if now_ns - inspected > STALE_NS => Contact::Unknown,
+            (Some(inspected), Some(since)) if inspected - since >= LOST_NS => Contact::Lost,
             (Some(_), _) if self.answered_ns.is_some() => Contact::There,
             _ => Contact::Unknown,
         }

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use mask::Mask;
 
-use super::pane::{Pane, holds};
+use super::slice_plane::{SlicePlane, holds};
 
 /// Lines along u and v.
 const GRID: usize = 6;
@@ -46,15 +46,15 @@ pub struct Gap {
 }
 
 /// Returns the relation of two slices with one mask, for this reach to either side.
-pub fn between(a: &Pane, b: &Pane, mask: &Mask, reach_mm: f64) -> Between {
+pub fn between(a: &SlicePlane, b: &SlicePlane, mask: &Mask, reach_mm: f64) -> Between {
     let along = a.normal();
     let cosine = along.dot(b.normal());
     if cosine.abs() < LEAST_COSINE {
         return Between::Elsewhere;
     }
     // The distance to the other plane is affine in the position, so it is largest at a corner.
-    let way = |from: DVec3| -b.distance(from) / cosine;
-    let longest = a.corners().iter().map(|corner| way(*corner).abs()).fold(0.0, f64::max);
+    let distance = |from: DVec3| -b.distance(from) / cosine;
+    let longest = a.corners().iter().map(|corner| distance(*corner).abs()).fold(0.0, f64::max);
     if longest <= 2.0 * reach_mm {
         return Between::Close;
     }
@@ -67,24 +67,24 @@ pub fn between(a: &Pane, b: &Pane, mask: &Mask, reach_mm: f64) -> Between {
         let cell = [cell % GRID, cell / GRID];
         let [u, v] = [at(columns, cell[0] as f64 + 0.5), at(rows, cell[1] as f64 + 0.5)];
         let from = a.world(u, v);
-        let way = way(from);
-        let foot = b.local(from + along * way);
+        let distance = distance(from);
+        let foot = b.local(from + along * distance);
         if !holds(mask, u, v) || !holds(mask, foot.x, foot.y) {
             continue;
         }
         meet = true;
-        let unseen = way.abs() - 2.0 * reach_mm;
-        if way.abs() > MOST_MM {
+        let unseen = distance.abs() - 2.0 * reach_mm;
+        if distance.abs() > MOST_MM {
             return Between::Elsewhere;
         }
         if unseen <= 0.0 {
             continue;
         }
-        width_mm = width_mm.max(way.abs());
+        width_mm = width_mm.max(distance.abs());
         let layers = ((2.0 * unseen / reach_mm).ceil() as usize).clamp(1, LAYERS);
         for layer in 0..layers {
             let depth = reach_mm + unseen * (layer as f64 + 0.5) / layers as f64;
-            points.push(from + along * (depth * way.signum()));
+            points.push(from + along * (depth * distance.signum()));
         }
         for (span, cell) in cells.iter_mut().zip(cell) {
             *span = [span[0].min(cell), span[1].max(cell + 1)];
@@ -95,7 +95,7 @@ pub fn between(a: &Pane, b: &Pane, mask: &Mask, reach_mm: f64) -> Between {
     }
     let corner = |[u, v]: [usize; 2]| a.world(at(columns, cells[0][u] as f64), at(rows, cells[1][v] as f64));
     let near = [[0, 0], [1, 0], [1, 1], [0, 1]].map(corner);
-    let far = near.map(|from| from + along * way(from));
+    let far = near.map(|from| from + along * distance(from));
     let centre = points.iter().sum::<DVec3>() / points.len() as f64;
     let radius = points.iter().map(|point| point.distance(centre)).fold(0.0, f64::max);
     Between::Apart(Box::new(Gap { prism: [near, far], points, centre, radius, width_mm }))
@@ -123,13 +123,13 @@ impl Gap {
     }
 
     /// Removes the points that a slice sees; returns the number of tested points.
-    pub fn see(&mut self, pane: &Pane, mask: &Mask, reach_mm: f64) -> u64 {
-        let far = pane.distance(self.centre).abs() > self.radius + reach_mm;
-        if far || (pane.beside(self.centre).abs() - pane.half_mm()).max_element() > self.radius + BORDER_MM {
+    pub fn see(&mut self, plane: &SlicePlane, mask: &Mask, reach_mm: f64) -> u64 {
+        let far = plane.distance(self.centre).abs() > self.radius + reach_mm;
+        if far || (plane.beside(self.centre).abs() - plane.half_mm()).max_element() > self.radius + BORDER_MM {
             return 0;
         }
-        let looked_at = self.points.len() as u64;
-        self.points.retain(|point| !pane.sees(*point, reach_mm, mask));
-        looked_at
+        let points = self.points.len() as u64;
+        self.points.retain(|point| !plane.sees(*point, reach_mm, mask));
+        points
     }
 }

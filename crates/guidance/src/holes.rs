@@ -15,7 +15,7 @@
 //! A slice closes the points of gaps that it sees. The cost of a slice is bounded. There are at
 //! most [`MOST_GAPS`] gaps with fixed grids of points, of which only those near the slice's
 //! plane are tested. There are at most [`MOST_PLANES`] planes, of which those near a new gap are
-//! tested up to [`MOST_LOOKS`] points. Anything beyond a bound is counted.
+//! tested up to [`MOST_POINTS`] points. Anything beyond a bound is counted.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -24,7 +24,7 @@ use mask::Mask;
 use sonoweave_core::clock::SECOND;
 
 use super::gap::{Between, Gap, between};
-use super::pane::Pane;
+use super::slice_plane::SlicePlane;
 use super::spacing::Spacing;
 
 /// Time between slices above which they belong to two sweeps, ns.
@@ -34,7 +34,7 @@ pub const MOST_GAPS: usize = 96;
 /// Largest number of stored planes of earlier slices.
 pub const MOST_PLANES: usize = 1024;
 /// Largest number of points tested to decide whether a gap was seen before.
-pub const MOST_LOOKS: u64 = 20_000;
+pub const MOST_POINTS: u64 = 20_000;
 /// Largest speed of a sweep by hand, mm/s.
 const MOST_SPEED: f64 = 500.0;
 /// Distance within the plane beyond which both of two planes are stored, mm.
@@ -61,11 +61,11 @@ struct PossibleGap {
 pub struct Holes {
     spacing: Spacing,
     holes: Vec<Hole>,
-    last: Option<(Pane, i64)>,
+    last: Option<(SlicePlane, i64)>,
     /// The hole that the last two slices left, if any.
     touching: Option<u64>,
     doubt: Option<PossibleGap>,
-    planes: Vec<Pane>,
+    planes: Vec<SlicePlane>,
     /// Index for the next plane, which replaces the oldest.
     next: usize,
     numbered: u64,
@@ -116,25 +116,25 @@ impl Holes {
     }
 
     /// Adds a slice taken at a time, ns.
-    pub fn add(&mut self, pane: &Pane, mask: &Mask, time_ns: i64) {
-        self.close(pane, mask);
+    pub fn add(&mut self, plane: &SlicePlane, mask: &Mask, time_ns: i64) {
+        self.close(plane, mask);
         let touching = self.touching.take();
         if let Some((last, last_ns)) = self.last
             && let passed @ 1.. = time_ns - last_ns
-            && let Between::Apart(gap) = between(&last, pane, mask, self.spacing.reach_mm())
+            && let Between::Apart(gap) = between(&last, plane, mask, self.spacing.reach_mm())
             && gap.width_mm() / (passed as f64 / 1e9) <= MOST_SPEED
             && let Some(gap) = self.unseen(*gap, mask)
         {
             if passed <= PAUSE_NS {
                 self.touching = self.keep(gap, touching);
             } else {
-                let across = pane.normal() * -pane.distance(last.middle()).signum();
-                self.doubt = Some(PossibleGap { gap, from: pane.middle(), away: across });
+                let across = plane.normal() * -plane.distance(last.middle()).signum();
+                self.doubt = Some(PossibleGap { gap, from: plane.middle(), away: across });
             }
         }
-        self.decide(pane);
-        self.remember(pane);
-        self.last = Some((*pane, time_ns));
+        self.decide(plane);
+        self.remember(plane);
+        self.last = Some((*plane, time_ns));
     }
 
     /// Returns all open gaps.
@@ -144,11 +144,12 @@ impl Holes {
 
     /// Returns the report, given the present slice and the current or last direction of the
     /// sweep.
-    pub fn told(&self, present: Option<&Pane>, travel: Option<DVec3>) -> HolesStatus {
-        let nearest = present.and_then(|pane| {
+    pub fn status(&self, present: Option<&SlicePlane>, travel: Option<DVec3>) -> HolesStatus {
+        let nearest = present.and_then(|plane| {
             let centres = self.gaps().map(Gap::centre);
-            let nearest = centres.min_by(|a, b| far(pane, *a).total_cmp(&far(pane, *b)))?;
-            Some(way(pane, nearest, travel))
+            let nearest =
+                centres.min_by(|a, b| rectangle_distance(plane, *a).total_cmp(&rectangle_distance(plane, *b)))?;
+            Some(direction(plane, nearest, travel))
         });
         HolesStatus {
             open: self.holes.len(),
@@ -161,11 +162,11 @@ impl Holes {
         }
     }
 
-    fn close(&mut self, pane: &Pane, mask: &Mask) {
+    fn close(&mut self, plane: &SlicePlane, mask: &Mask) {
         let reach_mm = self.spacing.reach_mm();
         for hole in &mut self.holes {
             for gap in &mut hole.gaps {
-                self.points += gap.see(pane, mask, reach_mm);
+                self.points += gap.see(plane, mask, reach_mm);
             }
             hole.gaps.retain(|gap| !gap.is_closed());
         }
@@ -173,32 +174,32 @@ impl Holes {
         self.holes.retain(|hole| !hole.gaps.is_empty());
         self.closed += (before - self.holes.len()) as u64;
         if let Some(doubt) = &mut self.doubt {
-            self.points += doubt.gap.see(pane, mask, reach_mm);
+            self.points += doubt.gap.see(plane, mask, reach_mm);
         }
         self.doubt.take_if(|doubt| doubt.gap.is_closed());
     }
 
     /// Returns the part of a gap that no earlier slice has seen.
     fn unseen(&mut self, mut gap: Gap, mask: &Mask) -> Option<Gap> {
-        let mut looks = 0;
+        let mut points = 0;
         for plane in &self.planes {
-            looks += gap.see(plane, mask, self.spacing.reach_mm());
-            if gap.is_closed() || looks > MOST_LOOKS {
+            points += gap.see(plane, mask, self.spacing.reach_mm());
+            if gap.is_closed() || points > MOST_POINTS {
                 break;
             }
         }
-        self.points += looks;
-        self.beyond += u64::from(looks > MOST_LOOKS);
-        if gap.is_closed() || looks > MOST_LOOKS {
+        self.points += points;
+        self.beyond += u64::from(points > MOST_POINTS);
+        if gap.is_closed() || points > MOST_POINTS {
             return None;
         }
         Some(gap)
     }
 
     /// Decides whether the sweep continues after a pause.
-    fn decide(&mut self, pane: &Pane) {
+    fn decide(&mut self, plane: &SlicePlane) {
         let Some(doubt) = &self.doubt else { return };
-        let gone = (pane.middle() - doubt.from).dot(doubt.away);
+        let gone = (plane.middle() - doubt.from).dot(doubt.away);
         if gone.abs() < self.spacing.reach_mm() {
             return;
         }
@@ -223,11 +224,11 @@ impl Holes {
         Some(self.numbered)
     }
 
-    fn remember(&mut self, pane: &Pane) {
+    fn remember(&mut self, plane: &SlicePlane) {
         let near_mm = 0.5 * self.spacing.reach_mm();
-        let is_near = |plane: &Pane| {
-            pane.corners().iter().all(|corner| plane.distance(*corner).abs() <= near_mm)
-                && plane.beside(pane.middle()).abs().max_element() <= BESIDE_MM
+        let is_near = |known: &SlicePlane| {
+            plane.corners().iter().all(|corner| known.distance(*corner).abs() <= near_mm)
+                && known.beside(plane.middle()).abs().max_element() <= BESIDE_MM
         };
         // The newest planes are the most likely matches.
         let (later, earlier) = self.planes.split_at(self.next.min(self.planes.len()));
@@ -235,9 +236,9 @@ impl Holes {
             return;
         }
         if self.planes.len() < MOST_PLANES {
-            self.planes.push(*pane);
+            self.planes.push(*plane);
         } else {
-            self.planes[self.next] = *pane;
+            self.planes[self.next] = *plane;
             self.forgotten += 1;
         }
         self.next = (self.next + 1) % MOST_PLANES;
@@ -245,18 +246,18 @@ impl Holes {
 }
 
 /// Returns the distance to a place, across the image's plane and beyond its sides, mm.
-fn far(pane: &Pane, place: DVec3) -> f64 {
-    pane.distance(place).hypot((pane.beside(place).x.abs() - pane.half_mm().x).max(0.0))
+fn rectangle_distance(plane: &SlicePlane, place: DVec3) -> f64 {
+    plane.distance(place).hypot((plane.beside(place).x.abs() - plane.half_mm().x).max(0.0))
 }
 
 /// Returns directions to a place in words. The marker is at the side of the image's first
 /// column.
-pub fn way(pane: &Pane, place: DVec3, travel: Option<DVec3>) -> String {
-    let across = pane.distance(place);
-    let beside = pane.beside(place).x;
-    let aside = (beside.abs() - pane.half_mm().x).max(0.0);
+pub fn direction(plane: &SlicePlane, place: DVec3, travel: Option<DVec3>) -> String {
+    let across = plane.distance(place);
+    let beside = plane.beside(place).x;
+    let aside = (beside.abs() - plane.half_mm().x).max(0.0);
     let side = if beside < 0.0 { "to the marker's side" } else { "away from the marker" };
-    let on = travel.map(|travel| travel.dot(pane.normal()) * across > 0.0);
+    let on = travel.map(|travel| travel.dot(plane.normal()) * across > 0.0);
     let across = match on {
         _ if across.abs() < HERE_MM => None,
         Some(true) => Some(format!("go on {:.0} mm", across.abs())),

@@ -4,7 +4,7 @@
 //! and without it.
 //!
 //! - [`spacing`]: allowed distance between slices, by the reconstruction kernel.
-//! - [`pane`]: a slice's plane and its data.
+//! - [`slice_plane`]: a slice's plane and its data.
 //! - [`speed`]: speed of the image plane, and its part across the plane.
 //! - [`gap`], [`holes`]: gaps between slices, and their later closure.
 //! - [`contact`]: whether echoes return from the depth of the image.
@@ -22,8 +22,8 @@ pub mod contact;
 pub mod gap;
 pub mod holes;
 pub mod outlines;
-pub mod pane;
 pub mod sensors;
+pub mod slice_plane;
 pub mod spacing;
 pub mod speed;
 #[cfg(test)]
@@ -44,8 +44,8 @@ use advice::{Advice, AdviceDebouncer, Signs};
 use contact::{Contact, Coupling};
 use holes::{Holes, HolesStatus};
 use outlines::Outlines;
-use pane::Pane;
 use sensors::{SensorStatus, Sensors};
+use slice_plane::SlicePlane;
 use spacing::Spacing;
 use speed::{Speed, SpeedStatus};
 
@@ -97,7 +97,7 @@ struct State {
     mask: Option<Mask>,
     speed: Speed,
     holes: Holes,
-    present: Option<(Pane, i64)>,
+    present: Option<(SlicePlane, i64)>,
     coupling: Coupling,
     sensors: Sensors,
     counsel: AdviceDebouncer,
@@ -122,14 +122,14 @@ impl ScanGuidance {
 
     /// Returns the report at this time, host ns, given the session status. The times of these
     /// calls control the appearance and removal of advice.
-    pub fn tell(&self, account: &SessionStatus, now_ns: i64) -> GuidanceStatus {
+    pub fn status(&self, account: &SessionStatus, now_ns: i64) -> GuidanceStatus {
         let mut state = self.lock();
-        let speed = state.speed.told(self.settings.spacing, now_ns);
+        let speed = state.speed.status(self.settings.spacing, now_ns);
         let present = state.present(now_ns);
         let travel = state.speed.travel();
-        let holes = state.holes.told(present.as_ref(), travel);
+        let holes = state.holes.status(present.as_ref(), travel);
         let contact = state.coupling.contact(now_ns);
-        let sensors = state.sensors.told(now_ns);
+        let sensors = state.sensors.status(now_ns);
         let signs = Signs {
             speed: speed.as_ref(),
             holes: &holes,
@@ -147,7 +147,7 @@ impl ScanGuidance {
     pub fn outlines(&self, now_ns: i64) -> Outlines {
         let state = self.lock();
         Outlines {
-            present: state.present(now_ns).map(|pane| *pane.corners()),
+            present: state.present(now_ns).map(|plane| *plane.corners()),
             holes: state.holes.gaps().map(|gap| *gap.prism()).collect(),
         }
     }
@@ -158,9 +158,9 @@ impl ScanGuidance {
 }
 
 impl State {
-    fn present(&self, now_ns: i64) -> Option<Pane> {
-        let (pane, at_ns) = self.present.as_ref()?;
-        (now_ns - at_ns < PRESENT_NS).then_some(*pane)
+    fn present(&self, now_ns: i64) -> Option<SlicePlane> {
+        let (plane, at_ns) = self.present.as_ref()?;
+        (now_ns - at_ns < PRESENT_NS).then_some(*plane)
     }
 
     /// Sets the mask for images of a size.
@@ -190,7 +190,7 @@ impl Observer for ScanGuidance {
         }
         state.mask_of(&self.settings.mask, [glimpsed.image.width(), glimpsed.image.height()]);
         if let Some(mask) = &state.mask {
-            state.coupling.look(glimpsed.image, mask, glimpsed.captured_ns);
+            state.coupling.inspect(glimpsed.image, mask, glimpsed.captured_ns);
         }
     }
 
@@ -199,11 +199,11 @@ impl Observer for ScanGuidance {
         let state = &mut *state;
         state.mask_of(&self.settings.mask, [slice.image.width(), slice.image.height()]);
         let Some(mask) = &state.mask else { return };
-        let Some(pane) = Pane::new(slice.world_from_image, mask) else { return };
+        let Some(plane) = SlicePlane::new(slice.world_from_image, mask) else { return };
         state.slices += 1;
-        state.speed.add(&pane, slice.time_ns);
-        state.holes.add(&pane, mask, slice.time_ns);
-        state.present = Some((pane, slice.time_ns));
+        state.speed.add(&plane, slice.time_ns);
+        state.holes.add(&plane, mask, slice.time_ns);
+        state.present = Some((plane, slice.time_ns));
     }
 
     fn pose(&self, [from, _]: [&str; 2], sample: &PoseSample) {

@@ -63,8 +63,8 @@ impl Sensors {
 
     /// Returns the reports at a time, ns. A sensor without recent poses is left out, because its
     /// device is silent.
-    pub fn told(&self, now_ns: i64) -> Vec<SensorStatus> {
-        let told = |sensor: &Sensor| {
+    pub fn status(&self, now_ns: i64) -> Vec<SensorStatus> {
+        let status = |sensor: &Sensor| {
             let recent = sensor.poses.iter().filter(|(at_ns, _)| now_ns - at_ns <= WINDOW_NS);
             let (count, invalid) =
                 recent.fold((0, 0), |(count, bad), (_, is_bad)| (count + 1, bad + usize::from(*is_bad)));
@@ -74,6 +74,6 @@ impl Sensors {
                 why: if invalid > 0 { sensor.why.clone() } else { String::new() },
             })
         };
-        self.sensors.iter().filter_map(told).collect()
+        self.sensors.iter().filter_map(status).collect()
     }
 }

@@ -64,6 +64,7 @@ fn reach(kernel: &AxisKernel) -> f64 {
 mod tests {
     use super::*;
     use std::sync::Arc;
+    use volume::Voxels as _;
 
     use glam::{DAffine3, DMat3, DVec3};
     use sonoweave_core::frames::Transform;
@@ -91,17 +92,17 @@ mod tests {
 
     /// Returns the number of unseen voxels between two slices, well within the image.
     fn unseen_between(settings: &Settings, apart_mm: f64) -> usize {
-        let mut woven = Reconstructor::new(settings.clone(), Mask::full(SIZE[0], SIZE[1])).unwrap();
+        let mut reconstructor = Reconstructor::new(settings.clone(), Mask::full(SIZE[0], SIZE[1])).unwrap();
         // Off the lattice's planes.
         let first = 0.013;
-        woven.insert(&slice(first)).unwrap();
-        woven.insert(&slice(first + apart_mm)).unwrap();
+        reconstructor.insert(&slice(first)).unwrap();
+        reconstructor.insert(&slice(first + apart_mm)).unwrap();
         let spacing = settings.spacing_mm.x;
         let (low, high) = ((first / spacing).ceil() as i64, ((first + apart_mm) / spacing).floor() as i64);
         let middle = (10.0 / spacing) as i64;
         (low..=high)
             .flat_map(|z| (middle..middle + 5).map(move |x| [x, middle, z]))
-            .filter(|voxel| woven.volume().voxel(*voxel).1 <= SEEN)
+            .filter(|voxel| reconstructor.volume().voxel(*voxel).1 <= SEEN)
             .count()
     }
 

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use sonoweave_core::clock::{MS, SECOND};
 
-use super::pane::Pane;
+use super::slice_plane::SlicePlane;
 use super::spacing::Spacing;
 
 /// Time window of the fit, ns.
@@ -53,7 +53,8 @@ pub struct SpeedStatus {
     /// Assessment.
     pub verdict: Verdict,
     /// The assessment in words, with numbers.
-    pub says: String,
+    #[serde(rename = "says")]
+    pub text: String,
     /// Speed of the image's middle, mm/s.
     pub mm_per_s: f64,
     /// Its part across the image plane, mm/s.
@@ -90,7 +91,7 @@ pub struct Speed {
 
 impl Speed {
     /// Adds a slice taken at a time, ns.
-    pub fn add(&mut self, pane: &Pane, time_ns: i64) {
+    pub fn add(&mut self, plane: &SlicePlane, time_ns: i64) {
         if let Some(last) = self.way.back() {
             let passed = time_ns - last.time_ns;
             if passed == 0 {
@@ -100,8 +101,8 @@ impl Speed {
                 self.way.clear();
             }
         }
-        let [a, b, c, d] = *pane.corners();
-        self.way.push_back(At { time_ns, points: [a, b, c, d, pane.middle()], normal: pane.normal() });
+        let [a, b, c, d] = *plane.corners();
+        self.way.push_back(At { time_ns, points: [a, b, c, d, plane.middle()], normal: plane.normal() });
         while self.way.len() > MOST || self.way.front().is_some_and(|first| time_ns - first.time_ns > WINDOW_NS) {
             self.way.pop_front();
         }
@@ -118,7 +119,7 @@ impl Speed {
     }
 
     /// Returns the report for this allowed spacing of slices.
-    pub fn told(&mut self, spacing: Spacing, now_ns: i64) -> Option<SpeedStatus> {
+    pub fn status(&mut self, spacing: Spacing, now_ns: i64) -> Option<SpeedStatus> {
         let newest = self.way.back()?;
         if now_ns - newest.time_ns > STALE_NS {
             self.verdict = None;
@@ -141,7 +142,7 @@ impl Speed {
             Verdict::Still
         };
         self.verdict = Some(verdict);
-        let says = match verdict {
+        let text = match verdict {
             Verdict::Still => "still".into(),
             Verdict::Sideways => format!("sideways: {:.0} mm/s within the picture's plane", middle.length()),
             Verdict::Good => format!("good: {edge:.0} mm/s"),
@@ -150,7 +151,7 @@ impl Speed {
         };
         Some(SpeedStatus {
             verdict,
-            says,
+            text,
             mm_per_s: middle.length(),
             across_mm_per_s: middle.dot(normal).abs(),
             edge_mm_per_s: edge,

@@ -231,6 +231,6 @@ mod tests {
         assert!(matches!("1,2,0,4".parse::<Clip>(), Err(MaskError::Region(_))));
         assert_eq!(parse_fan("380,20,120,360,-45,45").unwrap().radii_px(), [120.0, 360.0]);
         let five = parse_fan("380,20,120,360,-45");
-        assert_eq!(five, Err(MaskError::Numbers(BadNumbers::Count { wanted: 6, found: 5 })));
+        assert_eq!(five, Err(MaskError::Numbers(BadNumbers::Count { expected: 6, found: 5 })));
     }
 }

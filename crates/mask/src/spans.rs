@@ -106,11 +106,13 @@ impl Mask {
     ///
     /// # Panics
     /// When `v` is not below the height.
+    #[inline]
     pub fn row(&self, v: u32) -> &[Span] {
         &self.spans[self.first[v as usize]..self.first[v as usize + 1]]
     }
 
     /// Whether pixel (u, v) is data; pixels outside the frame are not.
+    #[inline]
     pub fn contains(&self, u: u32, v: u32) -> bool {
         v < self.height && self.row(v).iter().any(|span| span.start <= u && u < span.end)
     }

@@ -87,7 +87,7 @@ impl Plan {
             Some(chosen) => chosen,
             None => Chosen::by_reach(&self.settings, &self.planar, [mask.width(), mask.height()], &self.reach),
         };
-        let reconstructor = chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        let reconstructor = chosen.reconstructor(self.choice, &self.settings, &self.planar, mask)?;
         tracing::info!(path = reconstructor.path().name(), why = chosen.why, "insertion path");
         if self.choice == PathChoice::Auto && reconstructor.path() == Path::Planar {
             notes.push(format!(

@@ -3,7 +3,7 @@
 use volume::BrickVolume;
 use volume::brick_volume::{Memory, Slot};
 
-use super::decay::{Decay, DecayError, Fading, Turn};
+use super::decay::{Decay, DecayError, EpochChange, Fading};
 
 /// Rule by which slices that reach a voxel determine its value.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -75,10 +75,10 @@ impl Entry {
     }
 
     /// Computes the effect of a slice at `elapsed_ns` on a brick's times.
-    pub(crate) fn turn(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> Turn {
+    pub(crate) fn epoch_change(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> EpochChange {
         match self {
-            Self::Decay(fading) => fading.turn(volume.epoch(slot), elapsed_ns),
-            Self::Mean | Self::Maximum | Self::Latest => Turn::NONE,
+            Self::Decay(fading) => fading.epoch_change(volume.epoch(slot), elapsed_ns),
+            Self::Mean | Self::Maximum | Self::Latest => EpochChange::NONE,
         }
     }
 

@@ -177,7 +177,7 @@ pub(crate) struct Fading {
 
 /// Effect of one slice on the times of one brick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Turn {
+pub(crate) struct EpochChange {
     /// The brick's new epoch.
     pub(crate) epoch: Epoch,
     /// Factor for the slice's weights (forward decay).
@@ -190,7 +190,7 @@ pub(crate) struct Turn {
     pub(crate) shift: u16,
 }
 
-impl Turn {
+impl EpochChange {
     /// Without decay.
     pub(crate) const NONE: Self =
         Self { epoch: Epoch { base_ns: 0, touched_ns: 0 }, gain: 1.0, rebase: 1.0, now: 0, shift: 0 };
@@ -236,7 +236,7 @@ impl Fading {
     }
 
     /// Computes the effect of a slice at `elapsed_ns` on a brick of the given epoch.
-    pub(crate) fn turn(&self, mut epoch: Epoch, elapsed_ns: i64) -> Turn {
+    pub(crate) fn epoch_change(&self, mut epoch: Epoch, elapsed_ns: i64) -> EpochChange {
         let since_ns = elapsed_ns - epoch.base_ns;
         epoch.touched_ns = elapsed_ns;
         if self.keeps_ages() {
@@ -246,14 +246,14 @@ impl Fading {
             epoch.base_ns += shift * self.tick_ns;
             // Ages beyond the range are clamped to it: by then d is below 1e-7.
             let saturated = u16::try_from(shift).unwrap_or(u16::MAX);
-            return Turn { epoch, now: (ticks - shift) as u16, shift: saturated, ..Turn::NONE };
+            return EpochChange { epoch, now: (ticks - shift) as u16, shift: saturated, ..EpochChange::NONE };
         }
         let exponent = self.decay.rate_per_s() * since_ns as f64 * 1e-9;
         if exponent <= MOST_EXPONENT {
-            Turn { epoch, gain: libm::exp(exponent) as f32, ..Turn::NONE }
+            EpochChange { epoch, gain: libm::exp(exponent) as f32, ..EpochChange::NONE }
         } else {
             epoch.base_ns = elapsed_ns;
-            Turn { epoch, rebase: libm::exp(-exponent) as f32, ..Turn::NONE }
+            EpochChange { epoch, rebase: libm::exp(-exponent) as f32, ..EpochChange::NONE }
         }
     }
 }

@@ -5,9 +5,9 @@ use simd::Lanes;
 use volume::brick::{Ages, Brick, Stamps};
 
 use super::compounding::Entry;
-use super::decay::{Decay, Fading, LEAST_FACTOR, LEAST_SUM, LEAST_TOUCH, Turn};
+use super::decay::{Decay, EpochChange, Fading, LEAST_FACTOR, LEAST_SUM, LEAST_TOUCH};
 use super::falloff::power_of_two;
-use super::task::{Task, View};
+use super::task::{FilteredSlice, Task};
 
 /// Returns numerators with negligible ones set to 0.
 ///
@@ -23,12 +23,12 @@ pub(crate) unsafe fn shrunk<L: Lanes>(sum: L) -> L {
 }
 
 /// A brick with its stamps and ages.
-pub(crate) struct Place<'a> {
+pub(crate) struct BrickData<'a> {
     pub(crate) brick: &'a mut Brick,
     pub(crate) stamps: Option<&'a mut Stamps>,
     pub(crate) ages: Option<&'a mut Ages>,
     /// Effect of the slice on the brick's times.
-    pub(crate) turn: Turn,
+    pub(crate) change: EpochChange,
 }
 
 /// Values of a slice at a vector of voxels.
@@ -71,28 +71,28 @@ impl<L: Lanes> Sample<L> {
 /// The instruction set of `L` must be available; `at` begins a vector of the brick.
 #[inline(always)]
 pub(crate) unsafe fn enter<L: Lanes>(
-    place: &mut Place<'_>,
+    data: &mut BrickData<'_>,
     at: usize,
     mask: L::Mask,
     sample: &Sample<L>,
-    view: &View<'_>,
+    filtered: &FilteredSlice<'_>,
     task: &mut Task,
 ) {
     // SAFETY: as for this function.
     unsafe {
-        let most = view.rule.most_weight;
-        match view.rule.entry {
-            Entry::Mean => mean(place, at, mask, sample, view, task),
-            Entry::Maximum => raise(place.brick, at, mask, sample.value(), task),
-            Entry::Latest => replace(place, at, mask, sample.value(), view.moment.stamp, task),
+        let most = filtered.rule.most_weight;
+        match filtered.rule.entry {
+            Entry::Mean => mean(data, at, mask, sample, filtered, task),
+            Entry::Maximum => raise(data.brick, at, mask, sample.value(), task),
+            Entry::Latest => replace(data, at, mask, sample.value(), filtered.time.stamp, task),
             Entry::Decay(fading) => {
                 let mask = L::and(mask, L::splat(LEAST_TOUCH).le(sample.certainty.mul(sample.weight)));
                 if fading.keeps_ages() {
-                    fade(place, at, mask, sample, most, &fading, task);
+                    fade(data, at, mask, sample, most, &fading, task);
                 } else {
-                    let gain = place.turn.gain;
+                    let gain = data.change.gain;
                     let weight = sample.weight.mul(L::splat(gain));
-                    add(place.brick, at, mask, [weight, sample.sum(), sample.certainty], most * gain, task);
+                    add(data.brick, at, mask, [weight, sample.sum(), sample.certainty], most * gain, task);
                 }
             }
         }
@@ -105,17 +105,17 @@ pub(crate) unsafe fn enter<L: Lanes>(
 /// Same as for [`enter`].
 #[inline(always)]
 pub(crate) unsafe fn mean<L: Lanes>(
-    place: &mut Place<'_>,
+    data: &mut BrickData<'_>,
     at: usize,
     mask: L::Mask,
     sample: &Sample<L>,
-    view: &View<'_>,
+    filtered: &FilteredSlice<'_>,
     task: &mut Task,
 ) {
     // SAFETY: as for this function.
     unsafe {
         let summed = [sample.weight, sample.sum(), sample.certainty];
-        add(place.brick, at, mask, summed, view.rule.most_weight, task);
+        add(data.brick, at, mask, summed, filtered.rule.most_weight, task);
     }
 }
 
@@ -183,8 +183,8 @@ unsafe fn raise<L: Lanes>(brick: &mut Brick, at: usize, mask: L::Mask, value: L,
 /// # Safety
 /// Same as for [`add`].
 #[inline(always)]
-unsafe fn replace<L: Lanes>(place: &mut Place<'_>, at: usize, mask: L::Mask, value: L, stamp: u32, task: &mut Task) {
-    let Some(stamps) = &mut place.stamps else { return };
+unsafe fn replace<L: Lanes>(data: &mut BrickData<'_>, at: usize, mask: L::Mask, value: L, stamp: u32, task: &mut Task) {
+    let Some(stamps) = &mut data.stamps else { return };
     // SAFETY: as for this function; the stamps have the brick's shape.
     unsafe {
         let stamps = stamps.0.as_mut_ptr().add(at);
@@ -192,7 +192,7 @@ unsafe fn replace<L: Lanes>(place: &mut Place<'_>, at: usize, mask: L::Mask, val
         let mask = L::and(mask, L::not_above(stamps, stamp));
         task.updated += L::bits(mask).count_ones();
         L::replace_where(mask, stamps, stamp);
-        let brick = &mut place.brick;
+        let brick = &mut data.brick;
         let r = L::load(brick.r.as_ptr().add(at));
         let w = L::load(brick.w.as_ptr().add(at));
         L::select(mask, value, r).store(brick.r.as_mut_ptr().add(at));
@@ -206,7 +206,7 @@ unsafe fn replace<L: Lanes>(place: &mut Place<'_>, at: usize, mask: L::Mask, val
 /// Same as for [`add`].
 #[inline(always)]
 unsafe fn fade<L: Lanes>(
-    place: &mut Place<'_>,
+    data: &mut BrickData<'_>,
     at: usize,
     mask: L::Mask,
     sample: &Sample<L>,
@@ -214,16 +214,16 @@ unsafe fn fade<L: Lanes>(
     fading: &Fading,
     task: &mut Task,
 ) {
-    let Some(ages) = &mut place.ages else { return };
+    let Some(ages) = &mut data.ages else { return };
     // SAFETY: as for this function; the ages have the brick's shape.
     unsafe {
         let zero = L::splat(0.0);
         let ages = ages.0.as_mut_ptr().add(at);
-        let passed = L::splat(f32::from(place.turn.now)).sub(L::load_halves(ages));
+        let passed = L::splat(f32::from(data.change.now)).sub(L::load_halves(ages));
         let late = passed.sub(L::splat(fading.wait)).max(zero);
         let factor = power_of_two(late.mul(L::splat(fading.per_tick)));
-        let r = L::load(place.brick.r.as_ptr().add(at));
-        let w = L::load(place.brick.w.as_ptr().add(at));
+        let r = L::load(data.brick.r.as_ptr().add(at));
+        let w = L::load(data.brick.w.as_ptr().add(at));
         // Negligible factors become 0: subnormal products cost a hundred times as much. Unseen
         // voxels have no past.
         let factor = L::select(factor.le(L::splat(LEAST_FACTOR)), zero, factor);
@@ -232,9 +232,9 @@ unsafe fn fade<L: Lanes>(
             Decay::PaperLiteral { .. } => sample.weight.mul(L::splat(1.0).sub(factor)),
             Decay::Exponential { .. } | Decay::DeadTime { .. } => sample.weight,
         };
-        L::select(mask, shrunk(r.mul(factor)), r).store(place.brick.r.as_mut_ptr().add(at));
-        L::select(mask, w.mul(factor), w).store(place.brick.w.as_mut_ptr().add(at));
-        L::replace_halves_where(mask, ages, place.turn.now);
-        add(place.brick, at, mask, [weight, sample.sum(), sample.certainty], most, task);
+        L::select(mask, shrunk(r.mul(factor)), r).store(data.brick.r.as_mut_ptr().add(at));
+        L::select(mask, w.mul(factor), w).store(data.brick.w.as_mut_ptr().add(at));
+        L::replace_halves_where(mask, ages, data.change.now);
+        add(data.brick, at, mask, [weight, sample.sum(), sample.certainty], most, task);
     }
 }

@@ -12,10 +12,10 @@ use volume::brick::{Brick, TILE, VOXELS, voxel_at};
 
 use super::compounding::Entry;
 use super::decay::{LEAST_TOUCH, rebase, shift};
-use super::entry::{Place, Sample, enter, mean};
+use super::entry::{BrickData, Sample, enter, mean};
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
 use super::slab::{LEAST_CERTAINTY, Overlap};
-use super::task::{Task, View};
+use super::task::{FilteredSlice, Task};
 
 /// Vectors in a brick.
 const VECTORS: usize = VOXELS / LANES;
@@ -142,22 +142,27 @@ impl Scratch {
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, scratch: &mut Scratch) -> usize {
+unsafe fn locate<L: Lanes>(
+    brick: Option<&Brick>,
+    task: &Task,
+    filtered: &FilteredSlice<'_>,
+    scratch: &mut Scratch,
+) -> usize {
     // SAFETY: the scratch arrays hold whole vectors; prefetches read nothing; the instruction
     // set as for this function.
     unsafe {
         let [u, v, q] = task.functions;
-        let falloff = &view.rule.falloff;
+        let falloff = &filtered.rule.falloff;
         let mut vectors = met(&Spread::<L>::new(q), q, falloff.reach);
         let (u, v, q) = (Spread::<L>::new(u), Spread::<L>::new(v), Spread::<L>::new(q));
-        let nodes = view.value;
+        let nodes = filtered.value;
         let (last_u, last_v) = (L::splat((nodes.columns - 3) as f32), L::splat((nodes.rows - 3) as f32));
         let one = L::splat(1.0);
         let stride = L::splat(nodes.stride as f32);
-        let back = L::splat(-((nodes.stride + 1) as f32) * view.rule.sampling.back() as f32);
+        let back = L::splat(-((nodes.stride + 1) as f32) * filtered.rule.sampling.back() as f32);
         let reach = L::splat(falloff.reach);
         let minus_reach = L::splat(-falloff.reach);
-        let partial = task.sight == Overlap::Partial;
+        let partial = task.overlap == Overlap::Partial;
         let mut count = 0;
         while vectors != 0 {
             let vector = vectors.trailing_zeros() as usize;
@@ -196,15 +201,20 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn weave_lanes<L: Lanes>(place: &mut Place<'_>, task: &mut Task, view: &View<'_>, scratch: &mut Scratch) {
+unsafe fn insert_lanes<L: Lanes>(
+    data: &mut BrickData<'_>,
+    task: &mut Task,
+    filtered: &FilteredSlice<'_>,
+    scratch: &mut Scratch,
+) {
     // SAFETY: as for this function.
     unsafe {
         // The default case has a separate loop without the others' branches and registers.
-        match (view.rule.sampling, view.rule.entry) {
-            (Sampling::Spline, Entry::Mean) => weave_sampled::<L, Spline, true>(place, task, view, scratch),
-            (Sampling::Spline, _) => weave_sampled::<L, Spline, false>(place, task, view, scratch),
-            (Sampling::Linear, _) => weave_sampled::<L, Linear, false>(place, task, view, scratch),
-            (Sampling::Nearest, _) => weave_sampled::<L, Nearest, false>(place, task, view, scratch),
+        match (filtered.rule.sampling, filtered.rule.entry) {
+            (Sampling::Spline, Entry::Mean) => insert_sampled::<L, Spline, true>(data, task, filtered, scratch),
+            (Sampling::Spline, _) => insert_sampled::<L, Spline, false>(data, task, filtered, scratch),
+            (Sampling::Linear, _) => insert_sampled::<L, Linear, false>(data, task, filtered, scratch),
+            (Sampling::Nearest, _) => insert_sampled::<L, Nearest, false>(data, task, filtered, scratch),
         }
     }
 }
@@ -212,10 +222,10 @@ unsafe fn weave_lanes<L: Lanes>(place: &mut Place<'_>, task: &mut Task, view: &V
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
-    place: &mut Place<'_>,
+unsafe fn insert_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
+    data: &mut BrickData<'_>,
     task: &mut Task,
-    view: &View<'_>,
+    filtered: &FilteredSlice<'_>,
     scratch: &mut Scratch,
 ) {
     // SAFETY: vector k covers elements 16k..16k+16 of the brick's arrays of 512. `locate` keeps
@@ -223,18 +233,18 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
     // and rows 0..=rows−1 at most. Value and certainty have one shape (they come from one
     // filter). The instruction set as for this function.
     unsafe {
-        let count = locate::<L>(Some(place.brick), task, view, scratch);
+        let count = locate::<L>(Some(data.brick), task, filtered, scratch);
         task.vectors = count as u32;
-        if place.turn.rebase != 1.0 {
-            rebase(&mut place.brick.r, &mut place.brick.w, place.turn.rebase);
+        if data.change.rebase != 1.0 {
+            rebase(&mut data.brick.r, &mut data.brick.w, data.change.rebase);
         }
-        if place.turn.shift > 0
-            && let Some(ages) = &mut place.ages
+        if data.change.shift > 0
+            && let Some(ages) = &mut data.ages
         {
-            shift(&mut ages.0, place.turn.shift);
+            shift(&mut ages.0, data.change.shift);
         }
-        let level = L::splat(view.level);
-        let unit = L::splat(view.unit[0]);
+        let level = L::splat(filtered.level);
+        let unit = L::splat(filtered.unit[0]);
         for i in 0..count {
             let vector = usize::from(scratch.vector[i]);
             let weight = L::load(scratch.weight[i].as_ptr());
@@ -242,8 +252,8 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
             let offset = scratch.offset[i].as_ptr();
             let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
             let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
-            let certainty = if task.sight == Overlap::Partial {
-                let certainty = S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]));
+            let certainty = if task.overlap == Overlap::Partial {
+                let certainty = S::patch::<L>(filtered.certainty, offset, row, column).mul(L::splat(filtered.unit[1]));
                 mask = L::and(mask, L::splat(LEAST_CERTAINTY).le(certainty));
                 if L::bits(mask) == 0 {
                     continue;
@@ -252,12 +262,12 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
             } else {
                 S::ones(column)
             };
-            let contrast = S::patch::<L>(view.value, offset, row, column);
+            let contrast = S::patch::<L>(filtered.value, offset, row, column);
             let sample = Sample { weight, contrast: contrast.mul(unit), certainty, level };
             if MEAN {
-                mean(place, vector * LANES, mask, &sample, view, task);
+                mean(data, vector * LANES, mask, &sample, filtered, task);
             } else {
-                enter(place, vector * LANES, mask, &sample, view, task);
+                enter(data, vector * LANES, mask, &sample, filtered, task);
             }
         }
     }
@@ -266,17 +276,17 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Scratch) -> bool {
+unsafe fn touches_lanes<L: Lanes>(task: &Task, filtered: &FilteredSlice<'_>, scratch: &mut Scratch) -> bool {
     // SAFETY: as for this function.
     unsafe {
-        let count = locate::<L>(None, task, view, scratch);
-        if task.sight == Overlap::Full && !matches!(view.rule.entry, Entry::Decay(_)) {
+        let count = locate::<L>(None, task, filtered, scratch);
+        if task.overlap == Overlap::Full && !matches!(filtered.rule.entry, Entry::Decay(_)) {
             return count > 0;
         }
-        match view.rule.sampling {
-            Sampling::Spline => sees::<L, Spline>(count, task, view, scratch),
-            Sampling::Linear => sees::<L, Linear>(count, task, view, scratch),
-            Sampling::Nearest => sees::<L, Nearest>(count, task, view, scratch),
+        match filtered.rule.sampling {
+            Sampling::Spline => sees::<L, Spline>(count, task, filtered, scratch),
+            Sampling::Linear => sees::<L, Linear>(count, task, filtered, scratch),
+            Sampling::Nearest => sees::<L, Nearest>(count, task, filtered, scratch),
         }
     }
 }
@@ -287,16 +297,21 @@ unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Sc
 /// The instruction set of `L` must be available; the first `count` entries of `scratch` were
 /// filled by [`locate`].
 #[inline(always)]
-unsafe fn sees<L: Lanes, S: Sampler>(count: usize, task: &Task, view: &View<'_>, scratch: &Scratch) -> bool {
-    // SAFETY: as for `weave_sampled`.
+unsafe fn sees<L: Lanes, S: Sampler>(
+    count: usize,
+    task: &Task,
+    filtered: &FilteredSlice<'_>,
+    scratch: &Scratch,
+) -> bool {
+    // SAFETY: as for `insert_sampled`.
     unsafe {
-        let least = if matches!(view.rule.entry, Entry::Decay(_)) { LEAST_TOUCH } else { 0.0 };
+        let least = if matches!(filtered.rule.entry, Entry::Decay(_)) { LEAST_TOUCH } else { 0.0 };
         for i in 0..count {
             let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
-            let certainty = if task.sight == Overlap::Partial {
+            let certainty = if task.overlap == Overlap::Partial {
                 let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
                 let offset = scratch.offset[i].as_ptr();
-                S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]))
+                S::patch::<L>(filtered.certainty, offset, row, column).mul(L::splat(filtered.unit[1]))
             } else {
                 S::ones(column)
             };
@@ -312,12 +327,12 @@ unsafe fn sees<L: Lanes, S: Sampler>(count: usize, task: &Task, view: &View<'_>,
 
 dispatch!(
     /// Inserts a slice into a brick and counts the changes in the task.
-    pub(crate) fn weave => weave_lanes(place: &mut Place<'_>, task: &mut Task, view: &View<'_>, scratch: &mut Scratch)
+    pub(crate) fn insert => insert_lanes(data: &mut BrickData<'_>, task: &mut Task, filtered: &FilteredSlice<'_>, scratch: &mut Scratch)
 );
 
 dispatch!(
-    /// Whether [`weave`] would change any voxel; called before a brick is created.
-    pub(crate) fn touches => touches_lanes(task: &Task, view: &View<'_>, scratch: &mut Scratch) -> bool
+    /// Whether [`insert`] would change any voxel; called before a brick is created.
+    pub(crate) fn touches => touches_lanes(task: &Task, filtered: &FilteredSlice<'_>, scratch: &mut Scratch) -> bool
 );
 
 /// `met` returns 32 bits, and a tile is a vector.

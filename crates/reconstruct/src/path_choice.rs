@@ -135,7 +135,7 @@ impl Chosen {
     ///
     /// # Errors
     /// Those of [`PathReconstructor::general`] and [`PathReconstructor::planar`].
-    pub fn weaver(
+    pub fn reconstructor(
         &mut self,
         choice: PathChoice,
         settings: &Settings,

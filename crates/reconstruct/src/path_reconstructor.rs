@@ -32,13 +32,23 @@ impl Path {
 /// Inserts slices into a volume by either path, and upgrades from the planar to the general one
 /// when needed and allowed.
 pub struct PathReconstructor {
-    way: Way,
+    active: Active,
     upgraded: Option<Departure>,
 }
 
-enum Way {
+enum Active {
     General(Box<Reconstructor>),
     Planar(Box<PlanarReconstructor>),
+}
+
+/// Calls a method that both paths have.
+macro_rules! either {
+    ($self:ident, $r:ident => $call:expr) => {
+        match &$self.active {
+            Active::General($r) => $call,
+            Active::Planar($r) => $call,
+        }
+    };
 }
 
 impl PathReconstructor {
@@ -47,7 +57,7 @@ impl PathReconstructor {
     /// # Errors
     /// [`SettingsError`] when the settings cannot work for any slice.
     pub fn general(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
-        Ok(Self { way: Way::General(Box::new(Reconstructor::new(settings, mask)?)), upgraded: None })
+        Ok(Self { active: Active::General(Box::new(Reconstructor::new(settings, mask)?)), upgraded: None })
     }
 
     /// Creates it on the planar path. If the mask does not suit that path and the planar
@@ -58,7 +68,7 @@ impl PathReconstructor {
     /// when the mask does not suit the path and an upgrade is not allowed.
     pub fn planar(settings: Settings, planar: PlanarSettings, mask: Mask) -> Result<Self, SettingsError> {
         match PlanarReconstructor::new(settings.clone(), planar, mask.clone()) {
-            Ok(reconstructor) => Ok(Self { way: Way::Planar(Box::new(reconstructor)), upgraded: None }),
+            Ok(reconstructor) => Ok(Self { active: Active::Planar(Box::new(reconstructor)), upgraded: None }),
             Err(SettingsError::Planar(departure)) if planar.on_departure == OnDeparture::Upgrade => {
                 Ok(Self { upgraded: Some(departure), ..Self::general(settings, mask)? })
             }
@@ -68,9 +78,9 @@ impl PathReconstructor {
 
     /// The present path of slices.
     pub fn path(&self) -> Path {
-        match self.way {
-            Way::General(_) => Path::General,
-            Way::Planar(_) => Path::Planar,
+        match self.active {
+            Active::General(_) => Path::General,
+            Active::Planar(_) => Path::Planar,
         }
     }
 
@@ -86,15 +96,15 @@ impl PathReconstructor {
     /// # Errors
     /// [`Refused`] with the reason; no voxel has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
-        let planar = match &mut self.way {
-            Way::General(reconstructor) => return reconstructor.insert(slice),
-            Way::Planar(planar) => planar,
+        let planar = match &mut self.active {
+            Active::General(reconstructor) => return reconstructor.insert(slice),
+            Active::Planar(planar) => planar,
         };
         match planar.insert(slice) {
             Err(Refused::Departure(departure)) if planar.on_departure() == OnDeparture::Upgrade => {
                 let mut general = Box::new(planar.upgraded()?);
                 let result = general.insert(slice);
-                self.way = Way::General(general);
+                self.active = Active::General(general);
                 self.upgraded = Some(departure);
                 // Existing content is rewritten, with some bits different.
                 result.map(|touched| Touched { slab: None, ..touched })
@@ -105,60 +115,42 @@ impl PathReconstructor {
 
     /// The volume so far.
     pub fn volume(&self) -> &dyn Voxels {
-        match &self.way {
-            Way::General(r) => r.volume(),
-            Way::Planar(r) => r.volume(),
-        }
+        either!(self, r => r.volume())
     }
 
     /// Maps voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        match &self.way {
-            Way::General(r) => r.world_from_lattice(),
-            Way::Planar(r) => r.world_from_lattice(),
-        }
+        either!(self, r => r.world_from_lattice())
     }
 
     /// The settings in use; on the planar path, with the lattice's direction as found by the
     /// first slice.
     pub fn settings(&self) -> &Settings {
-        match &self.way {
-            Way::General(r) => r.settings(),
-            Way::Planar(r) => r.settings(),
-        }
+        either!(self, r => r.settings())
     }
 
     /// Kernels along u, v and the normal, once the first slice has given the pixel size.
     pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
-        match &self.way {
-            Way::General(r) => r.kernels(),
-            Way::Planar(r) => r.kernels(),
-        }
+        either!(self, r => r.kernels())
     }
 
     /// Pixel size along u and v in mm, once known.
     pub fn pixel_mm(&self) -> Option<[f64; 2]> {
-        match &self.way {
-            Way::General(r) => r.pixel_mm(),
-            Way::Planar(r) => r.pixel_mm(),
-        }
+        either!(self, r => r.pixel_mm())
     }
 
     /// Node spacing of the filtered image in pixels, and the bound on its samples' deviation
     /// from the exact in-plane sum as a fraction of the image's range. `None` before the first
     /// slice. The planar path samples no filtered image: one pixel, and rounding errors only.
     pub fn decimation(&self) -> Option<([f64; 2], f64)> {
-        match &self.way {
-            Way::General(r) => r.decimation(),
-            Way::Planar(r) => r.kernels().map(|_| ([1.0; 2], 0.0)),
+        match &self.active {
+            Active::General(r) => r.decimation(),
+            Active::Planar(r) => r.kernels().map(|_| ([1.0; 2], 0.0)),
         }
     }
 
     /// Work done so far.
     pub fn work(&self) -> Work {
-        match &self.way {
-            Way::General(r) => r.work(),
-            Way::Planar(r) => r.work(),
-        }
+        either!(self, r => r.work())
     }
 }

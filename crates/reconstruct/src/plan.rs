@@ -7,11 +7,11 @@ use volume::BrickVolume;
 use volume::brick::{Ages, Brick, BrickIndex, Stamps};
 use volume::brick_volume::Slot;
 
-use super::entry::Place;
-use super::insert::{Scratch, touches, weave};
+use super::entry::BrickData;
+use super::insert::{Scratch, insert, touches};
 use super::refusal::Refused;
 use super::slab::{MaskSummary, Overlap, SlabGeometry};
-use super::task::{Task, View};
+use super::task::{FilteredSlice, Task};
 
 /// Bricks that one task of a thread processes.
 const BRICKS_PER_TASK: usize = 16;
@@ -39,7 +39,7 @@ impl Plan {
         geometry: &SlabGeometry,
         mask: &MaskSummary,
         volume: &BrickVolume,
-        view: &View<'_>,
+        filtered: &FilteredSlice<'_>,
         simd: Simd,
         limit_bytes: u64,
     ) -> Result<(), Refused> {
@@ -57,13 +57,13 @@ impl Plan {
         }
         let mut scratch = Scratch::new();
         let mut finder = volume.finder();
-        geometry.walk(&bricks, mask, |index, sight| {
+        geometry.walk(&bricks, mask, |index, overlap| {
             self.considered += 1;
             let found = finder.find(index);
-            let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
+            let task = Task::new(found.unwrap_or_default(), overlap, geometry.in_brick(index));
             if found.is_some() {
                 self.tasks.push(task);
-            } else if touches(simd, &task, view, &mut scratch) {
+            } else if touches(simd, &task, filtered, &mut scratch) {
                 self.absent.push((self.tasks.len(), index));
                 self.tasks.push(task);
             }
@@ -87,11 +87,11 @@ pub(super) struct BrickChunk {
 
 /// Inserts the slice into all bricks, each brick by one thread.
 #[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
-pub(super) fn weave_all(
+pub(super) fn insert_all(
     volume: &mut BrickVolume,
     chunks: &mut Vec<BrickChunk>,
     tasks: &mut [Task],
-    view: &View<'_>,
+    filtered: &FilteredSlice<'_>,
     simd: Simd,
     sharing: Sharing,
 ) {
@@ -109,20 +109,20 @@ pub(super) fn weave_all(
     }
     let (chunks, volume) = (chunks.as_slice(), &*volume);
     let run = |scratch: &mut Scratch, task: &mut Task| {
-        let (chunk, place) = volume.locate(task.slot);
+        let (chunk, at) = volume.locate(task.slot);
         let chunk: BrickChunk = chunks[chunk];
-        let turn = view.rule.entry.turn(volume, task.slot, view.moment.elapsed_ns);
+        let change = filtered.rule.entry.epoch_change(volume, task.slot, filtered.time.elapsed_ns);
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed
         // mutably meanwhile. `locate` gives a position inside its chunk for every slot that the
         // volume has handed out. Each brick of the lattice is visited once in a walk and has
         // its own slot, so no two tasks reach the same brick. Stamps and ages, if any, are
         // arranged like bricks.
-        let mut place = unsafe {
-            let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(place));
-            let ages = chunk.ages.map(|ages| &mut *ages.0.add(place));
-            Place { brick: &mut *chunk.bricks.0.add(place), stamps, ages, turn }
+        let mut data = unsafe {
+            let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(at));
+            let ages = chunk.ages.map(|ages| &mut *ages.0.add(at));
+            BrickData { brick: &mut *chunk.bricks.0.add(at), stamps, ages, change }
         };
-        weave(simd, &mut place, task, view, scratch);
+        insert(simd, &mut data, task, filtered, scratch);
     };
     sharing.chunks_with(tasks, BRICKS_PER_TASK, Scratch::new, |scratch, _, tasks| {
         tasks.iter_mut().for_each(|task| run(scratch, task));
@@ -130,7 +130,7 @@ pub(super) fn weave_all(
 }
 
 impl Task {
-    fn new(slot: Slot, sight: Overlap, functions: [[f32; 4]; 3]) -> Self {
-        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
+    fn new(slot: Slot, overlap: Overlap, functions: [[f32; 4]; 3]) -> Self {
+        Self { slot, overlap, functions, updated: 0, clamped: 0, vectors: 0 }
     }
 }

@@ -9,7 +9,7 @@ use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::slice::Slice;
 use volume::brick::BrickIndex;
 use volume::brick_volume::Epoch;
-use volume::{BrickVolume, Prism};
+use volume::{BrickVolume, Prism, Voxels};
 
 use super::admission::Admission;
 use super::compounding::{Compounding, Entry, StampClock};
@@ -18,13 +18,13 @@ use super::falloff::Falloff;
 use super::filter::{FilterWork, SliceFilter};
 use super::kernel::AxisKernel;
 use super::nodes::Nodes;
-use super::plan::{BrickChunk, Plan, weave_all};
+use super::plan::{BrickChunk, Plan, insert_all};
 pub use super::refusal::Refused;
 use super::sampling::Sampling;
 use super::settings::{Settings, SettingsError};
 use super::slab::{MaskSummary, SlabGeometry};
 use super::spline::Taps;
-use super::task::{Moment, Rule, Task, View};
+use super::task::{FilteredSlice, Rule, SliceTime, Task};
 
 /// Pixel sizes that differ by less than this, relatively, use the same filter.
 pub(super) const SAME_PIXEL: f64 = 1e-3;
@@ -185,7 +185,7 @@ impl Reconstructor {
             _ => 0,
         };
         let clock = self.clock.after(slice.time_ns);
-        let moment = Moment { stamp, elapsed_ns: clock.elapsed_ns() };
+        let time = SliceTime { stamp, elapsed_ns: clock.elapsed_ns() };
         self.prepare(plane.pixel_mm, sharing)?;
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
@@ -202,8 +202,8 @@ impl Reconstructor {
         let limit_bytes = self.settings.memory_bytes;
         let (planned, ()) = sharing.both(
             || {
-                let view = View::new(certainty, 0.0, certainty, moment, rule);
-                plan.find(&geometry, mask, volume, &view, simd, limit_bytes)
+                let filtered = FilteredSlice::new(certainty, 0.0, certainty, time, rule);
+                plan.find(&geometry, mask, volume, &filtered, simd, limit_bytes)
             },
             || filter.filter(&slice.image, sharing),
         );
@@ -216,14 +216,14 @@ impl Reconstructor {
         for (task, index) in &self.plan.absent {
             self.plan.tasks[*task].slot = self.volume.find_or_insert(*index).0;
         }
-        let view = View::new(&filter.value, filter.level, certainty, moment, rule);
+        let filtered = FilteredSlice::new(&filter.value, filter.level, certainty, time, rule);
         let tasks = &mut self.plan.tasks;
         if let Entry::Decay(_) = rule.entry {
             for (task, _) in &self.plan.absent {
-                self.volume.set_epoch(tasks[*task].slot, Epoch::at(moment.elapsed_ns));
+                self.volume.set_epoch(tasks[*task].slot, Epoch::at(time.elapsed_ns));
             }
         }
-        weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
+        insert_all(&mut self.volume, &mut self.chunks, tasks, &filtered, simd, sharing);
 
         // If older values fade, reading a brick anew may change its other voxels too.
         let fades = matches!(rule.entry, Entry::Decay(_));
@@ -231,9 +231,9 @@ impl Reconstructor {
         let mut touched = Touched { slab, ..Touched::default() };
         if let Entry::Decay(_) = rule.entry {
             for task in tasks.iter() {
-                let turn = rule.entry.turn(&self.volume, task.slot, moment.elapsed_ns);
-                if task.updated > 0 || turn.moves() {
-                    self.volume.set_epoch(task.slot, turn.epoch);
+                let change = rule.entry.epoch_change(&self.volume, task.slot, time.elapsed_ns);
+                if task.updated > 0 || change.moves() {
+                    self.volume.set_epoch(task.slot, change.epoch);
                 }
             }
         }

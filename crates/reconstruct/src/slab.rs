@@ -125,7 +125,7 @@ impl MaskSummary {
 
     /// Returns the overlap of a footprint around node (u, v), given by its half widths, with
     /// the data; `None` when no voxel there can take part.
-    fn sight(&self, u: f64, v: f64, radius: [f64; 2]) -> Option<Overlap> {
+    fn overlap(&self, u: f64, v: f64, radius: [f64; 2]) -> Option<Overlap> {
         // Nodes whose splines reach into the footprint. Truncation equals rounding down where
         // it matters: a footprint that begins before node 1 is clamped to the border and counts
         // as not wholly inside.
@@ -241,8 +241,8 @@ impl SlabGeometry {
                 for x in first as i32..=last as i32 {
                     let along = f64::from(x) * edge;
                     let [u, v] = [0, 1].map(|axis| starts[axis] + self.coordinates[axis].step.x * along);
-                    if let Some(sight) = mask.sight(u, v, [radius[0], radius[1]])
-                        && !visit([x, y, z], sight)
+                    if let Some(overlap) = mask.overlap(u, v, [radius[0], radius[1]])
+                        && !visit([x, y, z], overlap)
                     {
                         return;
                     }

@@ -12,7 +12,7 @@ use super::slab::Overlap;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Task {
     pub(crate) slot: Slot,
-    pub(crate) sight: Overlap,
+    pub(crate) overlap: Overlap,
     /// Node column, node row, plane distance in σ: value at the brick's first voxel, steps per
     /// voxel along x, y, z.
     pub(crate) functions: [[f32; 4]; 3],
@@ -36,7 +36,7 @@ pub(crate) struct Rule {
 
 /// Time of a slice.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Moment {
+pub(crate) struct SliceTime {
     /// In ticks of [`Stamps`](volume::brick::Stamps).
     pub(crate) stamp: u32,
     /// On the decay's clock, ns.
@@ -45,22 +45,22 @@ pub(crate) struct Moment {
 
 /// The filtered slice, and the way it enters the volume.
 #[derive(Clone, Copy)]
-pub(crate) struct View<'a> {
+pub(crate) struct FilteredSlice<'a> {
     pub(crate) value: &'a Nodes,
     pub(crate) certainty: &'a Nodes,
     /// Grey level that the values are relative to.
     pub(crate) level: f32,
-    pub(crate) moment: Moment,
+    pub(crate) time: SliceTime,
     pub(crate) rule: Rule,
     /// Factors that convert the sums over patches of values and certainties into grey levels
     /// and fractions: powers of two.
     pub(crate) unit: [f32; 2],
 }
 
-impl<'a> View<'a> {
+impl<'a> FilteredSlice<'a> {
     /// Combines an image and its certainty.
-    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, moment: Moment, rule: Rule) -> Self {
+    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, time: SliceTime, rule: Rule) -> Self {
         let unit = [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits()));
-        Self { value, certainty, level, moment, rule, unit }
+        Self { value, certainty, level, time, rule, unit }
     }
 }

@@ -12,7 +12,7 @@ use phantom::{Motion, Scan, ScanSettings, Scene, scan::Depth, scene::Sphere};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::region::{ClipRect, Fan};
 use sonoweave_core::slice::{Image, Pixels, Slice};
-use volume::{BrickVolume, Grid, brick::BrickIndex, brick_volume::SEEN};
+use volume::{BrickVolume, Grid, Voxels, brick::BrickIndex, brick_volume::SEEN};
 
 use super::kernel::{Method, Support};
 use super::reference::Reference;

@@ -94,7 +94,7 @@ pub struct Camera {
     forward: DVec3,
     /// Distance of the eye from the first sample, mm.
     near_mm: f64,
-    stage_from_world: DAffine3,
+    region_from_world: DAffine3,
     /// Scale from pixel offsets to world directions, perspective.
     pixel: f64,
 }
@@ -115,13 +115,13 @@ impl Camera {
     /// # Errors
     /// [`RenderError`] for an invalid view or step, for pictures without pixels or beyond
     /// [`MOST_PIXELS`] a side, and for a step that needs more than [`MOST_SAMPLES`] samples.
-    pub fn new(view: &View, size: [u32; 2], step: f64, stage: &RenderRegion) -> Result<Self, RenderError> {
+    pub fn new(view: &View, size: [u32; 2], step: f64, region: &RenderRegion) -> Result<Self, RenderError> {
         view.check()?;
         if size.iter().any(|s| *s == 0 || *s > MOST_PIXELS) {
             return Err(RenderError::Size { size });
         }
-        let step_mm = step * stage.spacing_mm().min_element();
-        let radius = stage.radius_mm();
+        let step_mm = step * region.spacing_mm().min_element();
+        let radius = region.radius_mm();
         let samples = (2.0 * radius / step_mm).ceil() + 1.0;
         if !(step > 0.0 && step.is_finite() && samples <= f64::from(MOST_SAMPLES)) {
             return Err(RenderError::Step { step, samples });
@@ -129,10 +129,10 @@ impl Camera {
         let axes = view.axes();
         // An offset of the picture's middle does not move the start and end of the rays in
         // depth.
-        let aside = view.aim.map_or(DVec3::ZERO, |aim| aim - stage.centre_mm());
-        let centre = stage.centre_mm() + (aside - axes.forward * aside.dot(axes.forward));
+        let aside = view.aim.map_or(DVec3::ZERO, |aim| aim - region.centre_mm());
+        let centre = region.centre_mm() + (aside - axes.forward * aside.dot(axes.forward));
         let closer = libm::exp2(-view.zoom);
-        let stage_from_world = stage.stage_from_world();
+        let region_from_world = region.region_from_world();
         let [width, height] = size.map(f64::from);
         // Offset from the middle of the picture to the middle of pixel (0, 0).
         let (i0, j0) = (0.5 * (1.0 - width), 0.5 * (1.0 - height));
@@ -140,7 +140,7 @@ impl Camera {
             None => {
                 let extent = |axis: DVec3| match view.turns {
                     true => radius,
-                    false => stage.diagonals_mm().map(|d| d.dot(axis).abs()).into_iter().fold(0.0, f64::max),
+                    false => region.diagonals_mm().map(|d| d.dot(axis).abs()).into_iter().fold(0.0, f64::max),
                 };
                 let pixel = (2.0 * extent(axes.right) / width).max(2.0 * extent(axes.up) / height) * closer;
                 let first = centre - axes.forward * radius + axes.right * (i0 * pixel) - axes.up * (j0 * pixel);
@@ -153,7 +153,7 @@ impl Camera {
                 (centre - axes.forward * distance, pixel, distance - radius)
             }
         };
-        let linear = |v: DVec3| stage_from_world.transform_vector3(v);
+        let linear = |v: DVec3| region_from_world.transform_vector3(v);
         let forward = match view.perspective {
             None => linear(axes.forward),
             Some(_) => axes.forward + axes.right * (i0 * pixel) - axes.up * (j0 * pixel),
@@ -164,12 +164,12 @@ impl Camera {
             perspective: view.perspective.is_some(),
             samples: samples as u32,
             step_mm,
-            origin: stage_from_world.transform_point3(origin),
+            origin: region_from_world.transform_point3(origin),
             right: linear(axes.right * pixel),
             down: linear(-axes.up * pixel),
             forward,
             near_mm,
-            stage_from_world,
+            region_from_world,
             pixel,
         })
     }
@@ -196,9 +196,9 @@ impl Camera {
 
     /// Returns the depth of a region position, from 0 at the nearest sample on the view's axis
     /// to 1 at the farthest.
-    pub fn depth(&self, at: DVec3, stage: &RenderRegion) -> f64 {
-        let along = (stage.world_from_stage().transform_point3(at) - stage.centre_mm()).dot(self.axes.forward);
-        0.5 + 0.5 * along / stage.radius_mm()
+    pub fn depth(&self, at: DVec3, region: &RenderRegion) -> f64 {
+        let along = (region.world_from_region().transform_point3(at) - region.centre_mm()).dot(self.axes.forward);
+        0.5 + 0.5 * along / region.radius_mm()
     }
 
     /// Returns the ray of a pixel.
@@ -212,7 +212,7 @@ impl Camera {
             return Ray { base: self.origin + self.right * i + self.down * j, step: self.forward * self.step_mm };
         }
         let world = self.forward + self.axes.right * (i * self.pixel) - self.axes.up * (j * self.pixel);
-        let per_mm = self.stage_from_world.transform_vector3(world.normalize());
+        let per_mm = self.region_from_world.transform_vector3(world.normalize());
         Ray { base: self.origin + per_mm * self.near_mm, step: per_mm * self.step_mm }
     }
 
@@ -223,7 +223,7 @@ impl Camera {
 
     /// Returns the pixel coordinates of a world position (mm), like [`Self::project`].
     pub fn project_world(&self, at: DVec3) -> Option<[f64; 2]> {
-        self.project(self.stage_from_world.transform_point3(at))
+        self.project(self.region_from_world.transform_point3(at))
     }
 
     /// Returns the projection from the world (x, y, z in mm, 1) to the picture. The pixel
@@ -231,7 +231,7 @@ impl Camera {
     /// centres. In a perspective view it is valid only for a positive third number.
     pub fn projection(&self) -> [[f64; 4]; 3] {
         let Axes { right, up, forward } = self.axes;
-        let origin = self.stage_from_world.inverse().transform_point3(self.origin);
+        let origin = self.region_from_world.inverse().transform_point3(self.origin);
         let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(origin)];
         let [to_right, down] = [right / self.pixel, -up / self.pixel];
         if !self.perspective {
@@ -248,7 +248,7 @@ impl Camera {
     pub(super) fn first_ray(&self) -> (Ray, [DVec3; 2]) {
         let step = match self.perspective {
             false => self.forward * self.step_mm,
-            true => self.stage_from_world.transform_vector3(self.forward),
+            true => self.region_from_world.transform_vector3(self.forward),
         };
         (Ray { base: self.origin, step }, [self.right, self.down])
     }
@@ -263,10 +263,10 @@ impl Camera {
     /// view's eye.
     pub fn project(&self, at: DVec3) -> Option<[f64; 2]> {
         let from = at - self.origin;
-        let world = self.stage_from_world.matrix3.inverse() * from;
+        let world = self.region_from_world.matrix3.inverse() * from;
         let (x, y, z) = (world.dot(self.axes.right), -world.dot(self.axes.up), world.dot(self.axes.forward));
         if !self.perspective {
-            let pixel = (self.stage_from_world.matrix3.inverse() * self.right).length();
+            let pixel = (self.region_from_world.matrix3.inverse() * self.right).length();
             return Some([x / pixel, y / pixel]);
         }
         if z < 1e-6 {

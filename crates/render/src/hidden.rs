@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::layers::Image;
+use super::layers::{Channels, channels};
 use super::rays::composite::CompositeMode;
 use super::rays::line::Line;
 use super::rays::run::{RUN, Run};
@@ -20,22 +20,19 @@ impl Renderer {
     /// picture, at the picture's sample distance. Only overlays drawn on the picture use it.
     pub fn transmittance_to(&self, at: DVec3) -> f32 {
         let camera = self.camera();
-        let at = self.stage().stage_from_world().transform_point3(at);
+        let at = self.region().region_from_world().transform_point3(at);
         let Some(pixel) = camera.project(at) else { return 1.0 };
         let ray = camera.ray_through(pixel);
         let samples =
             ((at - ray.base).dot(ray.step) / ray.step.length_squared() - BEFORE).min(f64::from(camera.samples()));
         // In average and maximum modes nothing is hidden.
-        if samples <= 0.0 || self.fold().law != CompositeMode::Over {
+        if samples <= 0.0 || self.fold().composite_mode != CompositeMode::Over {
             return 1.0;
         }
-        let [low, high] = self.stage().bounds().map(|at| std::array::from_fn(|a| at[a] - self.stage().first()[a]));
+        let [low, high] = self.region().bounds().map(|at| std::array::from_fn(|a| at[a] - self.region().first()[a]));
         // Not negative, and at most the camera's number of samples.
         let line = Line::new(&ray, low, high, samples.ceil() as u32);
-        match self.image() {
-            Image::Grey(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
-            Image::Colour(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
-        }
+        channels!(self.image(), layers => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples))
     }
 }
 

@@ -5,7 +5,7 @@ use simd::sharing::Sharing;
 
 use super::camera::Camera;
 use super::classify::shade::Shader;
-use super::rays::composite::{Fold, Through};
+use super::rays::composite::{Accumulated, Fold};
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::refine::sparse::Sparse;
@@ -15,10 +15,23 @@ use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 
 /// One channel for grey light, three for coloured light.
-pub(super) enum Image {
-    Grey(Layers<1>),
-    Colour(Layers<3>),
+pub(super) enum Channels<G, C> {
+    Grey(G),
+    Colour(C),
 }
+
+/// Runs the same code for either number of channels.
+macro_rules! channels {
+    ($image:expr, $layers:ident => $call:expr) => {
+        match $image {
+            Channels::Grey($layers) => $call,
+            Channels::Colour($layers) => $call,
+        }
+    };
+}
+pub(super) use channels;
+
+pub(super) type Image = Channels<Layers<1>, Layers<3>>;
 
 pub(super) struct Layers<const C: usize> {
     pub(super) voxels: Voxels<C>,
@@ -29,17 +42,14 @@ pub(super) struct Layers<const C: usize> {
 
 impl Image {
     pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
-        match self {
-            Self::Grey(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-            Self::Colour(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-        }
+        channels!(self, layers => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)));
     }
 }
 
 impl<const C: usize> Layers<C> {
-    pub(super) fn new(camera: &Camera, stage: &RenderRegion, settings: &RenderSettings) -> Self {
-        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { voxels: Voxels::new(stage, settings), rows, sparse: None }
+    pub(super) fn new(camera: &Camera, region: &RenderRegion, settings: &RenderSettings) -> Self {
+        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, region, j)).collect();
+        Self { voxels: Voxels::new(region, settings), rows, sparse: None }
     }
 
     /// Casts again the rays that some changes can have reached.
@@ -69,7 +79,7 @@ impl<const C: usize> Layers<C> {
     }
 
     /// Returns the picture, row by row.
-    pub(super) fn pixels(&self, of: impl Fn(&Through<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
+    pub(super) fn pixels(&self, of: impl Fn(&Accumulated<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
         match &self.sparse {
             Some(sparse) => sparse.regions.seen.iter().map(of).collect(),
             None => self.rows.iter().flat_map(|row| row.pixels.iter().map(&of)).collect(),

@@ -74,7 +74,7 @@ impl Default for Mode {
 
 /// The data voxels keep for a mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Keeps {
+pub(super) enum VoxelData {
     /// Premultiplied colour and opacity.
     Lit,
     /// The intensity, and that it was seen.
@@ -123,12 +123,12 @@ impl Mode {
         }
     }
 
-    pub(super) fn keeps(self) -> Keeps {
+    pub(super) fn voxel_data(self) -> VoxelData {
         match self {
-            Self::Shaded(Shading::Voxel) | Self::Opacity(Shading::Voxel) => Keeps::Lit,
-            Self::Maximum | Self::Average => Keeps::Intensity,
+            Self::Shaded(Shading::Voxel) | Self::Opacity(Shading::Voxel) => VoxelData::Lit,
+            Self::Maximum | Self::Average => VoxelData::Intensity,
             Self::Shaded(Shading::Sample) | Self::Opacity(Shading::Sample) | Self::Isosurface(_) => {
-                Keeps::SampleClassifier
+                VoxelData::SampleClassifier
             }
         }
     }
@@ -141,7 +141,7 @@ impl Mode {
         }
     }
 
-    pub(super) fn law(self, transfer: &Transfer) -> CompositeMode {
+    pub(super) fn composite_mode(self, transfer: &Transfer) -> CompositeMode {
         match self {
             Self::Shaded(_) | Self::Opacity(_) | Self::Isosurface(_) => CompositeMode::Over,
             Self::Average => CompositeMode::Thin,

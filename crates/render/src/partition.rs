@@ -20,15 +20,16 @@ use super::RenderError;
 use super::camera::Camera;
 use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
+use super::layers::{Channels, channels};
 use super::mode::Mode;
 use super::picture::Picture;
-use super::rays::composite::{Fold, Through};
+use super::rays::composite::{Accumulated, Fold};
 use super::rays::line::Line;
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
-use super::shown::Shown;
+use super::snapshot::VoxelSnapshot;
 use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 
@@ -41,12 +42,12 @@ pub struct Part {
     width: u32,
     marks: Marks,
     shader: Shader<f32>,
-    shown: Shown,
+    snapshot: VoxelSnapshot,
     fold: Fold,
     simd: Simd,
     /// Lattice indices of the first and last voxel that it needs.
     region: [[i64; 3]; 2],
-    image: Image<Held<1>, Held<3>>,
+    image: Channels<PartLayers<1>, PartLayers<3>>,
 }
 
 /// Composites the messages of the parts into the picture.
@@ -55,13 +56,7 @@ pub struct Compositor {
     mode: Mode,
     transfer: Transfer,
     fold: Fold,
-    image: Image<Folded<1>, Folded<3>>,
-}
-
-/// One channel for grey light, three for coloured light.
-enum Image<G, C> {
-    Grey(G),
-    Colour(C),
+    image: Channels<Received<1>, Received<3>>,
 }
 
 /// Message of a part after a change.
@@ -79,33 +74,33 @@ impl Part {
     ///
     /// # Errors
     /// [`RenderError`] for invalid settings, [`RenderError::Part`] for an invalid part.
-    pub fn new(settings: &RenderSettings, stage: &RenderRegion, part: u32, parts: u32) -> Result<Self, RenderError> {
-        if part >= parts || parts > stage.bricks()[2] {
-            return Err(RenderError::Part { part, parts, layers: stage.bricks()[2] });
+    pub fn new(settings: &RenderSettings, region: &RenderRegion, part: u32, parts: u32) -> Result<Self, RenderError> {
+        if part >= parts || parts > region.bricks()[2] {
+            return Err(RenderError::Part { part, parts, layers: region.bricks()[2] });
         }
         settings.mode.check()?;
-        let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
-        let shader = Shader::new(settings, &camera, stage);
+        let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
+        let shader = Shader::new(settings, &camera, region);
         let fold = settings.fold(camera.samples())?;
         let mode = settings.mode;
-        let layers = i64::from(stage.bricks()[2]);
+        let layers = i64::from(region.bricks()[2]);
         let cut = |k: u32| i64::from(k) * layers / i64::from(parts) * EDGE as i64;
         let cuts = [cut(part), cut(part + 1)];
         // A block extends out of the part by its own length at most.
-        let along = stage.stage_from_world().matrix3.row(2).length();
+        let along = region.region_from_world().matrix3.row(2).length();
         let reach = (f64::from(fold.arity) * camera.step_mm() * along + MARGIN).ceil() as i64;
-        let [mut low, mut high] = stage.bounds();
-        low[2] = low[2].max(stage.first()[2] + cuts[0] - reach);
-        high[2] = high[2].min(stage.first()[2] + cuts[1] + reach);
+        let [mut low, mut high] = region.bounds();
+        low[2] = low[2].max(region.first()[2] + cuts[0] - reach);
+        high[2] = high[2].min(region.first()[2] + cuts[1] + reach);
         let image = match shader.is_grey() {
-            true => Image::Grey(Held::new(&camera, stage, settings, fold, cuts)),
-            false => Image::Colour(Held::new(&camera, stage, settings, fold, cuts)),
+            true => Channels::Grey(PartLayers::new(&camera, region, settings, fold, cuts)),
+            false => Channels::Colour(PartLayers::new(&camera, region, settings, fold, cuts)),
         };
         Ok(Self {
             width: settings.size[0],
             marks: Marks::new(&camera, mode.reach()),
             shader,
-            shown: Shown::new(stage),
+            snapshot: VoxelSnapshot::new(region),
             fold,
             simd: settings.simd,
             region: [low, high],
@@ -130,39 +125,35 @@ impl Part {
         let mut message = Message::default();
         message.work.bricks_read = needed.len() as u64;
         let (mut changed, mut dirty) = (Vec::new(), Vec::new());
-        self.shown.take(volume, &needed, self.simd, Sharing::Alone, &mut changed);
+        self.snapshot.read(volume, &needed, self.simd, Sharing::Alone, &mut changed);
         message.work.bricks_changed = changed.len() as u64;
         if changed.is_empty() {
             return message;
         }
-        let voxels = self.shown.dilated(&changed);
-        let (shown, shader, simd) = (&self.shown, &self.shader, self.simd);
-        message.work.voxels_shaded = match &mut self.image {
-            Image::Grey(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
-            Image::Colour(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
-        };
+        let voxels = self.snapshot.dilated(&changed);
+        let (snapshot, shader, simd) = (&self.snapshot, &self.shader, self.simd);
+        message.work.voxels_shaded = channels!(&mut self.image, layers => {
+            layers.voxels.update(snapshot, &voxels, shader, simd, Sharing::Alone, &mut dirty)
+        });
         self.marks.set(&dirty, None);
         let width = self.width;
-        match &mut self.image {
-            Image::Grey(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
-            Image::Colour(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
-        }
+        channels!(&mut self.image, layers => layers.cast(&self.marks, shader, width, self.fold, simd, &mut message));
         message
     }
 }
 
 /// Data of a part for a number of channels.
-struct Held<const C: usize> {
+struct PartLayers<const C: usize> {
     voxels: Voxels<C>,
     rows: Vec<Row<C>>,
     /// Blocks of each row as last sent to the compositor.
-    sent: Vec<Vec<Through<C>>>,
+    sent: Vec<Vec<Accumulated<C>>>,
 }
 
-impl<const C: usize> Held<C> {
+impl<const C: usize> PartLayers<C> {
     fn new(
         camera: &Camera,
-        stage: &RenderRegion,
+        region: &RenderRegion,
         settings: &RenderSettings,
         fold: Fold,
         [low, high]: [i64; 2],
@@ -170,14 +161,14 @@ impl<const C: usize> Held<C> {
         let own = |line: &Line| own_samples(line, fold, [low as f32, high as f32]);
         let rows: Vec<Row<C>> = (0..camera.size()[1])
             .map(|j| {
-                let mut row = Row::new(camera, stage, j);
+                let mut row = Row::new(camera, region, j);
                 row.restrict(own);
                 row.keep(Cache::OneLevel, fold);
                 row
             })
             .collect();
-        let sent = rows.iter().map(|row| vec![Through::CLEAR; row.kept().len()]).collect();
-        Self { voxels: Voxels::new(stage, settings), rows, sent }
+        let sent = rows.iter().map(|row| vec![Accumulated::CLEAR; row.kept().len()]).collect();
+        Self { voxels: Voxels::new(region, settings), rows, sent }
     }
 
     fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, width: u32, fold: Fold, simd: Simd, message: &mut Message) {
@@ -188,7 +179,7 @@ impl<const C: usize> Held<C> {
             for at in first..end {
                 row.cast(at, sampler, fold, simd);
                 let (number, range) = row.blocks_of(at, fold);
-                let mut all = Through::CLEAR;
+                let mut all = Accumulated::CLEAR;
                 for ((number, block), sent) in (number..).zip(&row.kept()[range.clone()]).zip(&mut sent[range]) {
                     if !block.same_bits(sent) {
                         *sent = *block;
@@ -223,7 +214,7 @@ fn own_samples(line: &Line, fold: Fold, [low, high]: [f32; 2]) -> [u32; 2] {
 }
 
 /// Appends a block to a message.
-fn put<const C: usize>(bytes: &mut Vec<u8>, pixel: u32, number: u32, block: &Through<C>) {
+fn put<const C: usize>(bytes: &mut Vec<u8>, pixel: u32, number: u32, block: &Accumulated<C>) {
     bytes.extend(pixel.to_le_bytes());
     // Fewer than 2¹⁶ samples have fewer blocks.
     bytes.extend((number as u16).to_le_bytes());
@@ -235,13 +226,13 @@ impl Compositor {
     ///
     /// # Errors
     /// [`RenderError`] for invalid settings.
-    pub fn new(settings: &RenderSettings, stage: &RenderRegion) -> Result<Self, RenderError> {
-        let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
+    pub fn new(settings: &RenderSettings, region: &RenderRegion) -> Result<Self, RenderError> {
+        let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
         let fold = settings.fold(camera.samples())?;
         let (mode, transfer) = (settings.mode, settings.transfer.clone());
         let image = match mode.is_grey(&transfer) {
-            true => Image::Grey(Folded::new(&camera, fold)),
-            false => Image::Colour(Folded::new(&camera, fold)),
+            true => Channels::Grey(Received::new(&camera, fold)),
+            false => Channels::Colour(Received::new(&camera, fold)),
         };
         Ok(Self { size: settings.size, mode, transfer, fold, image })
     }
@@ -252,38 +243,39 @@ impl Compositor {
     /// [`RenderError::Message`] for bytes that no part of this picture sends; the picture then
     /// stays unchanged.
     pub fn receive(&mut self, bytes: &[u8]) -> Result<u64, RenderError> {
-        match &mut self.image {
-            Image::Grey(folded) => folded.receive(bytes, self.fold),
-            Image::Colour(folded) => folded.receive(bytes, self.fold),
-        }
+        channels!(&mut self.image, received => received.receive(bytes, self.fold))
     }
 
     /// Returns the current picture.
     pub fn picture(&self) -> Picture {
         let pixel = |colour, transmittance| self.mode.pixel(colour, transmittance, &self.transfer);
         let pixels = match &self.image {
-            Image::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
-            Image::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
+            Channels::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
+            Channels::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
         };
         Picture { size: self.size, pixels }
     }
 }
 
 /// The blocks of all rays, equally many a ray, nearest first; and the composited pixels.
-struct Folded<const C: usize> {
+struct Received<const C: usize> {
     each: usize,
-    blocks: Vec<Through<C>>,
-    pixels: Vec<Through<C>>,
+    blocks: Vec<Accumulated<C>>,
+    pixels: Vec<Accumulated<C>>,
 }
 
-impl<const C: usize> Folded<C> {
+impl<const C: usize> Received<C> {
     /// Bytes of a block.
     const BYTES: usize = 4 + 2 + 4 * (C + 1);
 
     fn new(camera: &Camera, fold: Fold) -> Self {
         let [width, height] = camera.size().map(|s| s as usize);
         let each = camera.samples().div_ceil(fold.arity) as usize;
-        Self { each, blocks: vec![Through::CLEAR; width * height * each], pixels: vec![Through::CLEAR; width * height] }
+        Self {
+            each,
+            blocks: vec![Accumulated::CLEAR; width * height * each],
+            pixels: vec![Accumulated::CLEAR; width * height],
+        }
     }
 
     fn receive(&mut self, bytes: &[u8], fold: Fold) -> Result<u64, RenderError> {
@@ -303,7 +295,7 @@ impl<const C: usize> Folded<C> {
             if last.replace(pixel) == Some(pixel) {
                 continue;
             }
-            let mut all = Through::CLEAR;
+            let mut all = Accumulated::CLEAR;
             let mut work = RenderWork::default();
             for block in &self.blocks[pixel * self.each..][..self.each] {
                 if all.ends_behind(block, fold, &mut work) {
@@ -317,11 +309,11 @@ impl<const C: usize> Folded<C> {
     }
 
     /// Returns the pixel, the number of the block, and the block.
-    fn read(bytes: &[u8]) -> Option<(usize, usize, Through<C>)> {
+    fn read(bytes: &[u8]) -> Option<(usize, usize, Accumulated<C>)> {
         let (pixel, rest) = bytes.split_first_chunk::<4>()?;
         let (number, rest) = rest.split_first_chunk::<2>()?;
         let mut values = rest.chunks(4).map(|x| x.try_into().ok().map(f32::from_le_bytes));
-        let mut block = Through::CLEAR;
+        let mut block = Accumulated::CLEAR;
         for colour in &mut block.colour {
             *colour = values.next()??;
         }
@@ -336,7 +328,7 @@ mod tests {
 
     use super::super::Renderer;
     use super::super::tests::modes::ways;
-    use super::super::tests::{looks, sweep};
+    use super::super::tests::{all_settings, sweep};
     use super::*;
     use phantom::Motion;
     use reconstruct::PathReconstructor;
@@ -344,40 +336,44 @@ mod tests {
     #[test]
     fn any_number_of_parts_gives_same_picture() {
         let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(0.3);
-        for (look, motion) in looks().into_iter().zip([
+        for (base, motion) in all_settings().into_iter().zip([
             Motion::Freehand,
             Motion::Crossing,
             Motion::Jittered,
             Motion::Freehand,
             Motion::Parallel,
         ]) {
-            let (scan, weave, stage) = sweep(16, motion, turned);
+            let (scan, reconstruction, region) = sweep(16, motion, turned);
             for parts in [1, 2, 3, 8] {
-                let mut weaver = PathReconstructor::general(weave.clone(), scan.mask().clone()).unwrap();
-                let mut renderer = Renderer::new(&look, stage).unwrap();
-                let mut compositor = Compositor::new(&look, &stage).unwrap();
-                let mut workers: Vec<Part> = (0..parts).map(|k| Part::new(&look, &stage, k, parts).unwrap()).collect();
+                let mut reconstructor =
+                    PathReconstructor::general(reconstruction.clone(), scan.mask().clone()).unwrap();
+                let mut renderer = Renderer::new(&base, region).unwrap();
+                let mut compositor = Compositor::new(&base, &region).unwrap();
+                let mut workers: Vec<Part> = (0..parts).map(|k| Part::new(&base, &region, k, parts).unwrap()).collect();
                 let (mut sent, mut most) = (0, 0);
                 for frame in 0..scan.frames() {
-                    let touched = weaver.insert(&scan.slice(frame)).unwrap();
-                    renderer.update(weaver.volume(), &touched.bricks);
+                    let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+                    renderer.update(reconstructor.volume(), &touched.bricks);
                     for worker in &mut workers {
-                        let message = worker
-                            .update(&Within { volume: weaver.volume(), region: worker.region() }, &touched.bricks);
+                        let message = worker.update(
+                            &Within { volume: reconstructor.volume(), region: worker.region() },
+                            &touched.bricks,
+                        );
                         compositor.receive(&message.bytes).unwrap();
                         sent += message.bytes.len();
                         most = most.max(message.bytes.len());
                     }
                     let (a, b) = (compositor.picture(), renderer.picture());
                     let same = a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits));
-                    assert!(same, "{parts} parts, frame {frame}: {:?} off {:?}", look.view, a.difference(&b));
+                    assert!(same, "{parts} parts, frame {frame}: {:?} off {:?}", base.view, a.difference(&b));
                 }
                 // All the voxels that slices changed would be several times as much.
                 assert!(sent > 0 && most < 300_000, "{sent} {most}");
                 // Unchanged bricks cause no work.
-                let all: Vec<BrickIndex> = weaver.volume().bricks().collect();
+                let all: Vec<BrickIndex> = reconstructor.volume().bricks().collect();
                 for worker in &mut workers {
-                    let message = worker.update(&Within { volume: weaver.volume(), region: worker.region() }, &all);
+                    let message =
+                        worker.update(&Within { volume: reconstructor.volume(), region: worker.region() }, &all);
                     let idle = RenderWork { bricks_read: message.work.bricks_read, ..RenderWork::default() };
                     assert!(message.bytes.is_empty() && message.work == idle, "{:?}", message.work);
                 }
@@ -387,22 +383,22 @@ mod tests {
 
     #[test]
     fn parts_give_same_picture_in_every_mode() {
-        for look in ways() {
-            let (scan, weave, stage) = sweep(12, Motion::Freehand, DMat3::from_rotation_x(0.3));
-            let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-            let mut compositor = Compositor::new(&look, &stage).unwrap();
-            let mut workers: Vec<Part> = (0..3).map(|k| Part::new(&look, &stage, k, 3).unwrap()).collect();
+        for base in ways() {
+            let (scan, reconstruction, region) = sweep(12, Motion::Freehand, DMat3::from_rotation_x(0.3));
+            let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+            let mut compositor = Compositor::new(&base, &region).unwrap();
+            let mut workers: Vec<Part> = (0..3).map(|k| Part::new(&base, &region, k, 3).unwrap()).collect();
             for frame in 0..scan.frames() {
-                let touched = weaver.insert(&scan.slice(frame)).unwrap();
+                let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
                 for worker in &mut workers {
-                    let region = Within { volume: weaver.volume(), region: worker.region() };
+                    let region = Within { volume: reconstructor.volume(), region: worker.region() };
                     compositor.receive(&worker.update(&region, &touched.bricks).bytes).unwrap();
                 }
             }
-            let mut renderer = Renderer::new(&look, stage).unwrap();
-            renderer.update_all(weaver.volume());
+            let mut renderer = Renderer::new(&base, region).unwrap();
+            renderer.update_all(reconstructor.volume());
             let (a, b) = (compositor.picture(), renderer.picture());
-            assert!(a == b, "{:?}: off by {:?}", look.mode, a.difference(&b));
+            assert!(a == b, "{:?}: off by {:?}", base.mode, a.difference(&b));
         }
     }
 
@@ -431,13 +427,13 @@ mod tests {
 
     #[test]
     fn invalid_parts_and_messages_are_refused() {
-        let (_, _, stage) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
-        let look = &looks()[0];
+        let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
+        let base = &all_settings()[0];
         let refused =
-            |part, parts| Part::new(look, &stage, part, parts).err().map(|e| e.to_string()).unwrap_or_default();
+            |part, parts| Part::new(base, &region, part, parts).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(refused(2, 2).contains("part 2 of 2") && refused(0, 0).contains("counted from 0"));
         assert!(refused(0, 1000).contains("one a layer"));
-        let mut compositor = Compositor::new(look, &stage).unwrap();
+        let mut compositor = Compositor::new(base, &region).unwrap();
         let before = compositor.picture();
         for bytes in [&[1, 2, 3][..], &[255; 14][..]] {
             assert!(compositor.receive(bytes).is_err_and(|e| e.to_string().contains("message")));

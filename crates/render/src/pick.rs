@@ -13,7 +13,7 @@
 use glam::DVec3;
 
 use super::classify::shade::Lit;
-use super::layers::Image;
+use super::layers::{Channels, channels};
 use super::rays::composite::CompositeMode;
 use super::rays::line::Line;
 use super::rays::run::{RUN, Run};
@@ -47,14 +47,13 @@ impl Renderer {
     pub fn pick(&self, at: [f64; 2]) -> Option<Picked> {
         let camera = self.camera();
         let ray = camera.ray_through(at);
-        let [low, high] = self.stage().bounds().map(|at| std::array::from_fn(|a| at[a] - self.stage().first()[a]));
+        let [low, high] = self.region().bounds().map(|at| std::array::from_fn(|a| at[a] - self.region().first()[a]));
         let line = Line::new(&ray, low, high, camera.samples());
-        let law = self.fold().law;
-        let depth = match self.image() {
-            Image::Grey(layers) => depth(&Sampler::new(&layers.voxels, self.shader()), &line, law),
-            Image::Colour(layers) => depth(&Sampler::new(&layers.voxels, self.shader()), &line, law),
-        }?;
-        let to_world = self.stage().world_from_stage();
+        let composite_mode = self.fold().composite_mode;
+        let depth = channels!(self.image(), layers => {
+            depth(&Sampler::new(&layers.voxels, self.shader()), &line, composite_mode)
+        })?;
+        let to_world = self.region().world_from_region();
         let place = |[i, j]: [f64; 2]| {
             let ray = camera.ray_through([i, j]);
             to_world.transform_point3(ray.base + ray.step * depth.at)
@@ -75,7 +74,7 @@ struct Depth {
     width: f64,
 }
 
-fn depth<const C: usize>(sampler: &Sampler<C>, line: &Line, law: CompositeMode) -> Option<Depth> {
+fn depth<const C: usize>(sampler: &Sampler<C>, line: &Line, composite_mode: CompositeMode) -> Option<Depth> {
     let mut samples = Vec::new();
     let (mut run, mut work) = (Run::new(), RenderWork::default());
     for k in (line.first..line.end).step_by(RUN as usize) {
@@ -84,7 +83,7 @@ fn depth<const C: usize>(sampler: &Sampler<C>, line: &Line, law: CompositeMode) 
             samples.extend((0..n).map(|i| (k + i, run.sample(i as usize))));
         }
     }
-    match law {
+    match composite_mode {
         CompositeMode::Over => opaque(sampler, line, &samples),
         CompositeMode::Thin | CompositeMode::Most { .. } => largest(&samples),
     }

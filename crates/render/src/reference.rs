@@ -7,7 +7,7 @@ use super::RenderError;
 use super::camera::Camera;
 use super::classify::classifier::{SampleClassifier, sample};
 use super::classify::shade::{Lit, Shader};
-use super::mode::{Keeps, Mode};
+use super::mode::{Mode, VoxelData};
 use super::region::RenderRegion;
 use super::settings::RenderSettings;
 
@@ -32,18 +32,18 @@ pub struct ReferencePicture {
 pub fn render(
     volume: &(impl Values + ?Sized),
     settings: &RenderSettings,
-    stage: &RenderRegion,
+    region: &RenderRegion,
 ) -> Result<ReferencePicture, RenderError> {
     settings.mode.check()?;
-    let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
-    let shader = Shader::<f64>::new(settings, &camera, stage);
-    let pixels = match settings.mode.keeps() {
-        Keeps::SampleClassifier => {
-            let voxels = Voxels::<4>::keep(volume, &shader, stage)?;
-            cast(settings, &camera, |at, before| voxels.matter(&shader, at, before))
+    let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
+    let shader = Shader::<f64>::new(settings, &camera, region);
+    let pixels = match settings.mode.voxel_data() {
+        VoxelData::SampleClassifier => {
+            let voxels = Voxels::<4>::keep(volume, &shader, region)?;
+            cast(settings, &camera, |at, before| voxels.classified(&shader, at, before))
         }
-        Keeps::Lit | Keeps::Intensity => {
-            let voxels = Voxels::<3>::keep(volume, &shader, stage)?;
+        VoxelData::Lit | VoxelData::Intensity => {
+            let voxels = Voxels::<3>::keep(volume, &shader, region)?;
             cast(settings, &camera, |at, _| voxels.lit(at))
         }
     };
@@ -98,8 +98,8 @@ struct Voxels<const S: usize> {
 }
 
 impl<const S: usize> Voxels<S> {
-    fn keep(volume: &(impl Values + ?Sized), shader: &Shader<f64>, stage: &RenderRegion) -> Result<Self, RenderError> {
-        let [low, high] = stage.bounds();
+    fn keep(volume: &(impl Values + ?Sized), shader: &Shader<f64>, region: &RenderRegion) -> Result<Self, RenderError> {
+        let [low, high] = region.bounds();
         let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 3) as usize);
         let n = size.iter().try_fold(1_usize, |n, s| n.checked_mul(*s)).filter(|n| *n <= MOST_VOXELS);
         let n = n.ok_or(RenderError::Box { low, high })?;
@@ -112,7 +112,7 @@ impl<const S: usize> Voxels<S> {
                 volume.values(start, &mut value[at..at + row], &mut weight[at..at + row]);
             }
         }
-        let first: [i64; 3] = std::array::from_fn(|a| low[a] - stage.first()[a] - 1);
+        let first: [i64; 3] = std::array::from_fn(|a| low[a] - region.first()[a] - 1);
         let nothing = Lit { colour: [0.0; S], alpha: 0.0 };
         let mut kept = vec![nothing; n];
         let of = |at: usize| (f64::from(value[at]), f64::from(weight[at]));
@@ -171,14 +171,14 @@ impl SampleClassifier<f64> for Voxels<4> {
 }
 
 impl Voxels<4> {
-    fn matter(&self, shader: &Shader<f64>, at: [f64; 3], before: [f64; 3]) -> Lit<f64, 3> {
-        let matter = self.lit(at);
+    fn classified(&self, shader: &Shader<f64>, at: [f64; 3], before: [f64; 3]) -> Lit<f64, 3> {
+        let interpolated = self.lit(at);
         match shader.is_grey() {
             true => {
-                let Lit { colour: [grey], alpha } = sample(shader, self, matter, at, before);
+                let Lit { colour: [grey], alpha } = sample(shader, self, interpolated, at, before);
                 Lit { colour: [grey; 3], alpha }
             }
-            false => sample(shader, self, matter, at, before),
+            false => sample(shader, self, interpolated, at, before),
         }
     }
 }

@@ -23,7 +23,7 @@ pub struct RenderRegion {
     /// Bricks along each axis, one more on each side than the box meets, because samples reach
     /// half a cell beyond it.
     bricks: [u32; 3],
-    world_from_stage: DAffine3,
+    world_from_region: DAffine3,
 }
 
 impl RenderRegion {
@@ -49,14 +49,14 @@ impl RenderRegion {
             return Err(wrong());
         }
         let lattice = world_from_lattice.affine();
-        let world_from_stage = DAffine3 {
+        let world_from_region = DAffine3 {
             matrix3: lattice.matrix3,
             translation: lattice.transform_point3(DVec3::from_array(first.map(|x| x as f64))),
         };
-        if !(world_from_stage.is_finite() && world_from_stage.matrix3.determinant() != 0.0) {
+        if !(world_from_region.is_finite() && world_from_region.matrix3.determinant() != 0.0) {
             return Err(wrong());
         }
-        Ok(Self { low, high, first, bricks, world_from_stage })
+        Ok(Self { low, high, first, bricks, world_from_region })
     }
 
     /// Returns the lattice indices of the box's first and last voxel.
@@ -75,18 +75,18 @@ impl RenderRegion {
     }
 
     /// Returns the transform from region coordinates to world mm.
-    pub fn world_from_stage(&self) -> DAffine3 {
-        self.world_from_stage
+    pub fn world_from_region(&self) -> DAffine3 {
+        self.world_from_region
     }
 
     /// Returns the transform from world mm to region coordinates.
-    pub fn stage_from_world(&self) -> DAffine3 {
-        self.world_from_stage.inverse()
+    pub fn region_from_world(&self) -> DAffine3 {
+        self.world_from_region.inverse()
     }
 
     /// Returns the voxel spacing, mm.
     pub fn spacing_mm(&self) -> DVec3 {
-        let axes = self.world_from_stage.matrix3;
+        let axes = self.world_from_region.matrix3;
         DVec3::new(axes.x_axis.length(), axes.y_axis.length(), axes.z_axis.length())
     }
 
@@ -98,7 +98,7 @@ impl RenderRegion {
     /// Returns the middle of the box in the world, mm.
     pub fn centre_mm(&self) -> DVec3 {
         let [low, high] = self.corners();
-        self.world_from_stage.transform_point3(0.5 * (low + high))
+        self.world_from_region.transform_point3(0.5 * (low + high))
     }
 
     /// Returns the vectors from the middle to four corners of the box and a voxel around it, one
@@ -107,7 +107,7 @@ impl RenderRegion {
         let [low, high] = self.corners();
         let half = 0.5 * (high - low) + DVec3::ONE;
         [[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]]
-            .map(|sign| self.world_from_stage.transform_vector3(half * DVec3::from_array(sign)))
+            .map(|sign| self.world_from_region.transform_vector3(half * DVec3::from_array(sign)))
     }
 
     /// Returns the radius of the sphere about the middle that holds the box and a voxel around

@@ -14,16 +14,16 @@ use super::camera::{Camera, View};
 use super::classify::light::Light;
 use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
-use super::layers::{Image, Layers};
-use super::mode::{Keeps, Mode};
+use super::layers::{Channels, Image, Layers, channels};
+use super::mode::{Mode, VoxelData};
 use super::picture::Picture;
 use super::rays::composite::Fold;
 use super::rays::marks::Marks;
-use super::refine::{Keeping, Scene, Sparse};
+use super::refine::{CacheChoice, Context, Sparse};
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::shaded::Dirty;
-use super::shown::{Changed, Shown};
+use super::snapshot::{Changed, VoxelSnapshot};
 use super::work::RenderWork;
 
 /// Time and work of an update.
@@ -62,16 +62,16 @@ pub struct Progress {
 pub struct Renderer {
     settings: RenderSettings,
     camera: Camera,
-    stage: RenderRegion,
+    region: RenderRegion,
     mode: Mode,
     transfer: Transfer,
     light: Light,
     shader: Shader<f32>,
-    shown: Shown,
+    snapshot: VoxelSnapshot,
     fold: Fold,
     pool: Option<Arc<rayon::ThreadPool>>,
     image: Image,
-    keeping: Keeping,
+    cache_choice: CacheChoice,
     work: RenderWork,
     /// Changes that were read but are not drawn yet.
     changed: Vec<Changed>,
@@ -81,24 +81,14 @@ pub struct Renderer {
     missed: Option<BTreeSet<BrickIndex>>,
 }
 
-/// Calls a method of a picture in its number of channels.
-macro_rules! layers {
-    ($image:expr, $layers:ident => $call:expr) => {
-        match $image {
-            Image::Grey($layers) => $call,
-            Image::Colour($layers) => $call,
-        }
-    };
-}
-
-/// Builds the scene of a renderer and its threads.
-macro_rules! scene {
+/// Builds the context of a renderer and its threads.
+macro_rules! context {
     ($renderer:ident, $sharing:ident) => {
-        Scene {
+        Context {
             camera: &$renderer.camera,
             marks: &$renderer.marks,
-            stage: &$renderer.stage,
-            shown: &$renderer.shown,
+            region: &$renderer.region,
+            snapshot: &$renderer.snapshot,
             shader: &$renderer.shader,
             fold: $renderer.fold,
             simd: $renderer.settings.simd,
@@ -112,35 +102,35 @@ impl Renderer {
     ///
     /// # Errors
     /// [`RenderError`] for invalid settings.
-    pub fn new(settings: &RenderSettings, stage: RenderRegion) -> Result<Self, RenderError> {
+    pub fn new(settings: &RenderSettings, region: RenderRegion) -> Result<Self, RenderError> {
         settings.mode.check()?;
-        let camera = Camera::new(&settings.view, settings.size, settings.step, &stage)?;
-        let shader = Shader::new(settings, &camera, &stage);
+        let camera = Camera::new(&settings.view, settings.size, settings.step, &region)?;
+        let shader = Shader::new(settings, &camera, &region);
         let marks = Marks::new(&camera, settings.mode.reach());
         let fold = settings.fold(camera.samples())?;
         let pool = settings.pool()?;
         let mut image = match shader.is_grey() {
-            true => Image::Grey(Layers::new(&camera, &stage, settings)),
-            false => Image::Colour(Layers::new(&camera, &stage, settings)),
+            true => Image::Grey(Layers::new(&camera, &region, settings)),
+            false => Image::Colour(Layers::new(&camera, &region, settings)),
         };
-        let keeping = layers!(&image, layers => Keeping::choose(settings, &layers.rows, fold));
-        image.keep(keeping.cache, fold);
+        let cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
+        image.keep(cache_choice.cache, fold);
         if settings.adaptive > 0.0 {
-            layers!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &stage, settings.adaptive)));
+            channels!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive)));
         }
         Ok(Self {
             settings: settings.clone(),
             camera,
-            stage,
+            region,
             mode: settings.mode,
             transfer: settings.transfer.clone(),
             light: settings.light,
             shader,
-            shown: Shown::new(&stage),
+            snapshot: VoxelSnapshot::new(&region),
             fold,
             pool,
             image,
-            keeping,
+            cache_choice,
             work: RenderWork::default(),
             changed: Vec::new(),
             dirty: Vec::new(),
@@ -153,19 +143,24 @@ impl Renderer {
     /// The picture then equals, bit for bit, that of a renderer which reads the whole volume at
     /// once. While a new view is [refined](Self::refine), the picture converges to that.
     ///
-    /// While the view is [hidden](Self::look_away), the bricks are only noted.
+    /// While the view is [hidden](Self::hide), the bricks are only noted.
     pub fn update(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
-        self.take(volume, bricks, None)
+        self.update_and_draw(volume, bricks, None)
     }
 
     /// Updates like [`Self::update`], if all changed voxels of the bricks lie in a slab; lattice
     /// indices. The slab makes the update faster and changes no bit. Changes outside the slab
     /// are missed.
     pub fn update_within(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: &Prism) -> Updated {
-        self.take(volume, bricks, Some(slab))
+        self.update_and_draw(volume, bricks, Some(slab))
     }
 
-    fn take(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: Option<&Prism>) -> Updated {
+    fn update_and_draw(
+        &mut self,
+        volume: &(impl Values + ?Sized),
+        bricks: &[BrickIndex],
+        slab: Option<&Prism>,
+    ) -> Updated {
         let pool = self.pool.clone();
         let read = self.read_within(pool.as_deref(), volume, bricks);
         let mut updated = self.draw_within(slab);
@@ -197,7 +192,7 @@ impl Renderer {
         let began = Instant::now();
         let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
         Sharing::within(pool, |sharing| {
-            self.shown.take(volume, bricks, self.settings.simd, sharing, &mut self.changed);
+            self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed);
         });
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
@@ -220,18 +215,18 @@ impl Renderer {
         let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
             self.dirty.clear();
             let simd = self.settings.simd;
-            let voxels = self.shown.dilated(&self.changed);
-            let (shown, shader, dirty) = (&self.shown, &self.shader, &mut self.dirty);
-            work.voxels_shaded += layers!(&mut self.image, layers => {
-                layers.voxels.update(shown, &voxels, shader, simd, sharing, dirty)
+            let voxels = self.snapshot.dilated(&self.changed);
+            let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
+            work.voxels_shaded += channels!(&mut self.image, layers => {
+                layers.voxels.update(snapshot, &voxels, shader, simd, sharing, dirty)
             });
             let shade = began.elapsed();
-            let first = self.stage.first();
+            let first = self.region.first();
             let slab = slab.map(|slab| slab.shifted(first.map(|x| -x)));
             debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
             self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
-            let (scene, cache) = (scene!(self, sharing), self.keeping.cache);
-            work += layers!(&mut self.image, layers => layers.follow(&self.dirty, scene, cache));
+            let (context, cache) = (context!(self, sharing), self.cache_choice.cache);
+            work += channels!(&mut self.image, layers => layers.follow(&self.dirty, context, cache));
             (shade, began.elapsed() - shade)
         });
         self.changed.clear();
@@ -244,26 +239,26 @@ impl Renderer {
     ///
     /// # Errors
     /// [`RenderError::View`] for an invalid view; then nothing changes.
-    pub fn look(&mut self, view: View) -> Result<Updated, RenderError> {
+    pub fn set_view(&mut self, view: View) -> Result<Updated, RenderError> {
         let began = Instant::now();
         if view == self.settings.view {
             return Ok(Updated::default());
         }
-        let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.stage)?;
+        let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.region)?;
         self.draw();
         self.settings.view = view;
         self.camera = camera;
         self.marks = Marks::new(&self.camera, self.mode.reach());
-        self.shader = Shader::new(&self.settings, &self.camera, &self.stage);
-        let relight = self.mode.keeps() == Keeps::Lit && self.mode.is_lit() && self.light.depends_on_view();
+        self.shader = Shader::new(&self.settings, &self.camera, &self.region);
+        let relight = self.mode.voxel_data() == VoxelData::Lit && self.mode.is_lit() && self.light.depends_on_view();
         let epsilon = self.settings.adaptive;
-        let looks = self.missed.is_none();
+        let visible = self.missed.is_none();
         let pool = self.pool.clone();
         let work = Sharing::within(pool.as_deref(), |sharing| {
-            let scene = scene!(self, sharing);
-            layers!(&mut self.image, layers => {
-                layers.turn(scene, epsilon, relight);
-                if looks { layers.begin(scene) } else { RenderWork::default() }
+            let context = context!(self, sharing);
+            channels!(&mut self.image, layers => {
+                layers.turn(context, epsilon, relight);
+                if visible { layers.begin(context) } else { RenderWork::default() }
             })
         });
         self.work += work;
@@ -272,22 +267,22 @@ impl Renderer {
 
     /// Continues the refinement of a new view until it is exact or the time is over; at least
     /// one step. A step takes a few milliseconds, so a caller soon gets to a waiting slice or
-    /// another view. Does nothing while the view is [hidden](Self::look_away).
+    /// another view. Does nothing while the view is [hidden](Self::hide).
     pub fn refine(&mut self, time: Duration) -> Progress {
         let began = Instant::now();
         self.draw();
         let mut work = RenderWork::default();
         let pool = self.pool.clone();
         let spacing = Sharing::within(pool.as_deref(), |sharing| {
-            let scene = scene!(self, sharing);
-            let keeping = &mut self.keeping;
-            let looks = self.missed.is_none();
-            layers!(&mut self.image, layers => loop {
+            let context = context!(self, sharing);
+            let cache_choice = &mut self.cache_choice;
+            let visible = self.missed.is_none();
+            channels!(&mut self.image, layers => loop {
                 let spacing = layers.spacing();
-                if spacing.is_none() || !looks {
+                if spacing.is_none() || !visible {
                     break spacing;
                 }
-                work += layers.step(scene, keeping);
+                work += layers.step(context, cache_choice);
                 if began.elapsed() >= time {
                     break layers.spacing();
                 }
@@ -298,14 +293,14 @@ impl Renderer {
     }
 
     /// Marks the view as hidden: nothing is shaded or cast until [it is visible
-    /// again](Self::look_back).
-    pub fn look_away(&mut self) {
+    /// again](Self::show).
+    pub fn hide(&mut self) {
         self.draw();
         self.missed.get_or_insert_default();
     }
 
     /// Marks the view as visible and applies the changes missed meanwhile.
-    pub fn look_back(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
+    pub fn show(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
         let Some(missed) = self.missed.take() else { return Updated::default() };
         self.update(volume, &Vec::from_iter(missed))
     }
@@ -345,13 +340,13 @@ impl Renderer {
 
     /// Returns notes for the user: sentences.
     pub fn notes(&self) -> &[String] {
-        &self.keeping.notes
+        &self.cache_choice.notes
     }
 
     /// Returns the ray cache in use; smaller than requested if that would have taken too much
     /// memory.
     pub fn cache(&self) -> Cache {
-        self.keeping.cache
+        self.cache_choice.cache
     }
 
     /// Returns the pixel difference below which rays are left out; see
@@ -388,18 +383,18 @@ impl Renderer {
     }
 
     /// Returns the render region.
-    pub fn stage(&self) -> &RenderRegion {
-        &self.stage
+    pub fn region(&self) -> &RenderRegion {
+        &self.region
     }
 
     /// Returns the memory in use.
     pub fn memory(&self) -> RenderMemory {
-        let (shaded, rays) = layers!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
-        RenderMemory { voxels: self.shown.bytes() + shaded, rays }
+        let (shaded, rays) = channels!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
+        RenderMemory { voxels: self.snapshot.bytes() + shaded, rays }
     }
 
     /// Returns the number of bricks in the region that hold anything.
     pub fn bricks(&self) -> usize {
-        self.shown.len()
+        self.snapshot.len()
     }
 }

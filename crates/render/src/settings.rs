@@ -8,7 +8,7 @@ use super::RenderError;
 use super::camera::View;
 use super::classify::light::Light;
 use super::classify::transfer::Transfer;
-use super::mode::{Keeps, Mode};
+use super::mode::{Mode, VoxelData};
 use super::rays::composite::Fold;
 
 /// The data kept of rays between pictures.
@@ -117,10 +117,10 @@ impl RenderSettings {
         if !(0.0..=1.0).contains(&self.adaptive) {
             return Err(RenderError::Adaptive { epsilon: self.adaptive });
         }
-        if self.adaptive > 0.0 && self.mode.keeps() != Keeps::Lit {
+        if self.adaptive > 0.0 && self.mode.voxel_data() != VoxelData::Lit {
             return Err(RenderError::AdaptiveMode { mode: self.mode.name() });
         }
-        Ok(Fold { arity, law: self.mode.law(&self.transfer), stop: self.stop })
+        Ok(Fold { arity, composite_mode: self.mode.composite_mode(&self.transfer), stop: self.stop })
     }
 
     pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {

@@ -14,7 +14,7 @@ use super::classify::interval::{Interval, SIDES, Side};
 use super::classify::shade::{Lit, Shader};
 use super::classify::steepness::steepest;
 use super::region::RenderRegion;
-use super::shown::{ABSENT, Bits, Brick, Changed, FIRST_X, Shown, Table, apart};
+use super::snapshot::{ABSENT, Bits, Brick, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart};
 
 /// Voxels along an edge of a brick, including those kept of its neighbours.
 pub(super) const SIDE: usize = EDGE + 1;
@@ -74,7 +74,7 @@ pub(super) struct Dirty {
 
 /// The shaded voxels of a render region.
 pub(super) struct Shaded<const C: usize> {
-    table: Table,
+    table: BrickTable,
     bricks: Vec<Box<ShadedBrick<C>>>,
     /// Slots like the table's, but without the bricks in which every sample is transparent.
     visible: Vec<u32>,
@@ -114,8 +114,8 @@ struct Outcome {
 impl<const C: usize> Shaded<C> {
     /// Creates an empty set. Bricks whose intensities lie outside of the interval are not
     /// sampled.
-    pub(super) fn new(stage: &RenderRegion, interval: Interval) -> Self {
-        let table = Table::new(stage.bricks());
+    pub(super) fn new(region: &RenderRegion, interval: Interval) -> Self {
+        let table = BrickTable::new(region.bricks());
         let visible = table.slots().to_vec();
         Self { table, bricks: Vec::new(), visible, interval }
     }
@@ -155,7 +155,7 @@ impl<const C: usize> Shaded<C> {
     /// samples were and are transparent. Returns the number of shaded voxels.
     pub(super) fn update(
         &mut self,
-        shown: &Shown,
+        snapshot: &VoxelSnapshot,
         voxels: &[Changed],
         shader: &Shader<f32>,
         simd: Simd,
@@ -180,7 +180,7 @@ impl<const C: usize> Shaded<C> {
         let interval = self.interval;
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
             for task in tasks {
-                task.outcome = simd.wide(Shading { shown, shader, interval: &interval, task: &mut *task });
+                task.outcome = simd.wide(Shading { snapshot, shader, interval: &interval, task: &mut *task });
             }
         });
         let mut shaded = 0;
@@ -201,7 +201,7 @@ impl<const C: usize> Shaded<C> {
         }
         for Done { at, lit, .. } in &done {
             if let Some(index) = self.table.index(*at) {
-                self.look(index);
+                self.update_visibility(index);
             }
             self.copy_to_those_before(*at, lit);
         }
@@ -257,7 +257,7 @@ impl<const C: usize> Shaded<C> {
                     );
                 }
             }
-            self.look(index);
+            self.update_visibility(index);
         }
     }
 
@@ -268,7 +268,7 @@ impl<const C: usize> Shaded<C> {
     }
 
     /// Notes whether anything of a brick is visible.
-    fn look(&mut self, index: usize) {
+    fn update_visibility(&mut self, index: usize) {
         let slot = self.table.slots()[index];
         let may_show = slot != ABSENT && self.interval.may_show(self.bricks[slot as usize].sides);
         self.visible[index] = if may_show { slot } else { ABSENT };
@@ -309,7 +309,7 @@ fn surrounding(at: [i64; 3], voxels: &Bits) -> Option<Dirty> {
 
 /// Shades the voxels of a brick that may have changed, and stores those that have.
 struct Shading<'a, 'b, const C: usize> {
-    shown: &'a Shown,
+    snapshot: &'a VoxelSnapshot,
     shader: &'a Shader<f32>,
     interval: &'a Interval,
     task: &'a mut Task<'b, C>,
@@ -325,9 +325,9 @@ impl<const C: usize> Job for Shading<'_, '_, C> {
 
     #[inline(always)]
     fn run<S: Set>(self) -> Outcome {
-        let Self { shown, shader, interval, task: Task { changed, brick: kept, fresh, .. } } = self;
+        let Self { snapshot, shader, interval, task: Task { changed, brick: kept, fresh, .. } } = self;
         let mut outcome = Outcome::default();
-        let Some((own, beside)) = shown.neighbourhood(changed.at) else { return outcome };
+        let Some((own, beside)) = snapshot.neighbourhood(changed.at) else { return outcome };
         let origin = changed.at.map(|b| (b * EDGE as i64) as f32);
         let mut values = shader.visible();
         if shader.hides_flat() {

@@ -69,7 +69,7 @@ fn fog_slab_follows_beer_lambert_at_any_step() {
     // 40 voxels of 0.5 mm along the view, much wider than the picture: from the first voxel's
     // cell to the last's.
     let volume = Field { low: [0; 3], high: [59, 39, 59], value: |_: [i64; 3]| Some(200.0) };
-    let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
     for (step, perspective) in [(1.0, None), (0.5, None), (0.25, None), (0.25, Some(10.0))] {
         let (transfer, light) = fog(0.05, 0.5);
         let settings = RenderSettings {
@@ -79,7 +79,7 @@ fn fog_slab_follows_beer_lambert_at_any_step() {
             view: View { perspective, ..View::default() },
             ..RenderSettings::new([33, 33], transfer)
         };
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        let mut renderer = Renderer::new(&settings, region).unwrap();
         renderer.update_all(&volume);
         let picture = renderer.picture();
         let [r, _, _, t] = picture.pixels[16 * 33 + 16];
@@ -96,17 +96,17 @@ fn fog_slab_follows_beer_lambert_at_any_step() {
 
 #[test]
 fn rays_enter_and_leave_at_geometric_bounds() {
-    let stage = RenderRegion::new(half_mm(), [0, 0, 0], [39, 39, 39]).unwrap();
-    let camera = Camera::new(&View::default(), [65, 65], 1.0, &stage).unwrap();
+    let region = RenderRegion::new(half_mm(), [0, 0, 0], [39, 39, 39]).unwrap();
+    let camera = Camera::new(&View::default(), [65, 65], 1.0, &region).unwrap();
     // From the front: along +y, through the middle at 9.75 mm in x and z.
     let ray = camera.ray(32, 32);
-    let world = stage.world_from_stage();
+    let world = region.world_from_region();
     let first = world.transform_point3(ray.base);
     let radius = 20.5 * 0.5 * 3.0_f64.sqrt();
     assert!((first - DVec3::new(9.75, 9.75 - radius, 9.75)).length() < 1e-9, "{first}");
     let step = world.transform_vector3(ray.step);
     assert!((step - DVec3::new(0.0, 0.5, 0.0)).length() < 1e-12, "{step}");
-    let low: [i64; 3] = std::array::from_fn(|a| -stage.first()[a]);
+    let low: [i64; 3] = std::array::from_fn(|a| -region.first()[a]);
     let [from, to] = crate::rays::line::span(&ray, low, low.map(|x| x + 39), [0, camera.samples()]);
     // A voxel around the box: from −0.5 mm to 20 mm.
     let distance = |k: u32| f64::from(k) * 0.5 + first.y;
@@ -115,36 +115,36 @@ fn rays_enter_and_leave_at_geometric_bounds() {
     // To the right is +x, down is −z.
     assert!(world.transform_point3(camera.ray(40, 32).base).x > first.x + 1.0);
     assert!(world.transform_point3(camera.ray(32, 40).base).z < first.z - 1.0);
-    let looks = |azimuth, elevation| View { azimuth, elevation, ..View::default() }.axes().forward;
-    assert!((looks(90.0, 0.0) + DVec3::X).length() < 1e-12 && (looks(0.0, 90.0) + DVec3::Z).length() < 1e-12);
+    let forward = |azimuth, elevation| View { azimuth, elevation, ..View::default() }.axes().forward;
+    assert!((forward(90.0, 0.0) + DVec3::X).length() < 1e-12 && (forward(0.0, 90.0) + DVec3::Z).length() < 1e-12);
 }
 
 #[test]
 fn projected_point_lies_on_its_ray() {
     let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-0.7);
-    let stage = RenderRegion::new(
+    let region = RenderRegion::new(
         lattice(turned, DVec3::new(0.4, 0.5, 0.8), DVec3::new(100.0, -7.0, 3.0)),
         [-20, 5, 0],
         [30, 40, 21],
     );
-    let stage = stage.unwrap();
+    let region = region.unwrap();
     let aim = DVec3::new(97.0, -1.0, 12.0);
     for (perspective, zoom) in [(None, 0.0), (None, 1.7), (Some(40.0), 0.0), (Some(40.0), -1.1)] {
         let aim = (zoom != 0.0).then_some(aim);
         let view = View { azimuth: 37.0, elevation: 21.0, roll: 12.0, perspective, turns: true, zoom, aim };
-        let camera = Camera::new(&view, [97, 61], 0.7, &stage).unwrap();
+        let camera = Camera::new(&view, [97, 61], 0.7, &region).unwrap();
         for (i, j, k) in [(0, 0, 3), (96, 60, 50), (48, 30, 20), (13, 55, 77)] {
             let ray = camera.ray(i, j);
             let [x, y] = camera.project(ray.base + ray.step * f64::from(k)).unwrap();
             assert!((x - f64::from(i)).abs() < 1e-9 && (y - f64::from(j)).abs() < 1e-9, "{x} {y} for {i} {j}");
-            let at = stage.world_from_stage().transform_point3(ray.base + ray.step * f64::from(k));
+            let at = region.world_from_region().transform_point3(ray.base + ray.step * f64::from(k));
             let [x, y, w] = camera.projection().map(|row| DVec3::new(row[0], row[1], row[2]).dot(at) + row[3]);
             assert!((x / w - f64::from(i)).abs() < 1e-9 && (y / w - f64::from(j)).abs() < 1e-9, "{x} {y} {w}");
         }
         // The aimed-at point is in the middle, magnified by the zoom.
-        let plain = Camera::new(&View { zoom: 0.0, ..view }, [97, 61], 0.7, &stage).unwrap();
+        let plain = Camera::new(&View { zoom: 0.0, ..view }, [97, 61], 0.7, &region).unwrap();
         let across = |camera: &Camera| {
-            let [middle, aside] = [DVec3::ZERO, view.axes().right].map(|by| stage.centre_mm() + by);
+            let [middle, aside] = [DVec3::ZERO, view.axes().right].map(|by| region.centre_mm() + by);
             let [a, b] = [middle, aside].map(|at| camera.project_world(at).unwrap());
             (b[0] - a[0]).hypot(b[1] - a[1])
         };
@@ -154,7 +154,7 @@ fn projected_point_lies_on_its_ray() {
             assert!((x - 48.0).abs() < 1e-9 && (y - 30.0).abs() < 1e-9, "{x} {y}");
         }
         let ray = camera.ray(20, 20);
-        let mm = stage.world_from_stage().transform_vector3(ray.step).length();
+        let mm = region.world_from_region().transform_vector3(ray.step).length();
         assert!((mm - 0.7 * 0.4).abs() < 1e-12);
     }
 }
@@ -175,11 +175,11 @@ pub(super) fn sweep(frames: u32, motion: Motion, direction: DMat3) -> (Scan, Set
     .unwrap();
     let settings = Settings { lattice_direction: direction, ..Settings::new(DVec3::splat(0.7)) };
     let world_from_lattice = lattice(direction, DVec3::splat(0.7), DVec3::ZERO);
-    let stage = RenderRegion::new(world_from_lattice, [-45; 3], [45; 3]).unwrap();
-    (scan, settings, stage)
+    let region = RenderRegion::new(world_from_lattice, [-45; 3], [45; 3]).unwrap();
+    (scan, settings, region)
 }
 
-pub(super) fn looks() -> Vec<RenderSettings> {
+pub(super) fn all_settings() -> Vec<RenderSettings> {
     let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false, ..View::default() };
     let base = RenderSettings { view, ..RenderSettings::new([80, 64], tissue()) };
     let colour = Colour::perceptual([0.0, 255.0]).unwrap();
@@ -207,23 +207,23 @@ pub(super) fn looks() -> Vec<RenderSettings> {
 #[test]
 fn incremental_picture_equals_full_picture() {
     let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_y(0.2);
-    for (settings, motion) in looks().into_iter().zip([
+    for (settings, motion) in all_settings().into_iter().zip([
         Motion::Freehand,
         Motion::Crossing,
         Motion::Jittered,
         Motion::Freehand,
         Motion::Parallel,
     ]) {
-        let (scan, weave, stage) = sweep(40, motion, turned);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        let mut following = Renderer::new(&settings, stage).unwrap();
+        let (scan, reconstruction, region) = sweep(40, motion, turned);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        let mut following = Renderer::new(&settings, region).unwrap();
         for frame in 0..scan.frames() {
-            let touched = weaver.insert(&scan.slice(frame)).unwrap();
-            let updated = following.update(weaver.volume(), &touched.bricks);
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            let updated = following.update(reconstructor.volume(), &touched.bricks);
             assert!(updated.work.bricks_changed > 0 && updated.work.bricks_changed <= updated.work.bricks_read);
             if frame % 13 == 0 || frame + 1 == scan.frames() {
-                let mut whole = Renderer::new(&settings, stage).unwrap();
-                let all = whole.update_all(weaver.volume());
+                let mut whole = Renderer::new(&settings, region).unwrap();
+                let all = whole.update_all(reconstructor.volume());
                 let (a, b) = (following.picture(), whole.picture());
                 let same = a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits));
                 assert!(same, "frame {frame}: {:?} off {:?}", settings.view, a.difference(&b));
@@ -232,8 +232,8 @@ fn incremental_picture_equals_full_picture() {
         }
         for cache in Cache::ALL {
             let other = RenderSettings { cache, threads: 1, ..settings.clone() };
-            let mut one = Renderer::new(&other, stage).unwrap();
-            one.update_all(weaver.volume());
+            let mut one = Renderer::new(&other, region).unwrap();
+            one.update_all(reconstructor.volume());
             assert_eq!(one.picture(), following.picture(), "{cache:?}, on one thread");
         }
         assert!(following.picture().pixels.iter().filter(|p| p[3] < 0.99).count() > 200, "something is seen");
@@ -242,15 +242,15 @@ fn incremental_picture_equals_full_picture() {
 
 #[test]
 fn separate_read_and_draw_equal_update() {
-    let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+    let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
     let settings = RenderSettings { cache: Cache::TwoLevel, ..RenderSettings::new([64, 48], tissue()) };
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-    let [mut together, mut apart] = [0, 1].map(|_| Renderer::new(&settings, stage).unwrap());
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    let [mut together, mut apart] = [0, 1].map(|_| Renderer::new(&settings, region).unwrap());
     let mut before = apart.picture();
     for frame in 0..scan.frames() {
-        let touched = weaver.insert(&scan.slice(frame)).unwrap();
-        together.update(weaver.volume(), &touched.bricks);
-        let read = apart.read(weaver.volume(), &touched.bricks);
+        let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+        together.update(reconstructor.volume(), &touched.bricks);
+        let read = apart.read(reconstructor.volume(), &touched.bricks);
         assert_eq!(read.work.bricks_read, touched.bricks.len() as u64);
         assert_eq!(apart.picture(), before, "frame {frame}: reading draws nothing");
         // Up to five slices are drawn at once, sometimes by a new view.
@@ -259,7 +259,7 @@ fn separate_read_and_draw_equal_update() {
             11 => {
                 let view = View { azimuth: f64::from(frame), ..View::default() };
                 for renderer in [&mut together, &mut apart] {
-                    renderer.look(view).unwrap();
+                    renderer.set_view(view).unwrap();
                     while !renderer.refine(std::time::Duration::from_millis(50)).finished {}
                 }
             }
@@ -273,13 +273,13 @@ fn separate_read_and_draw_equal_update() {
 
 #[test]
 fn live_picture_matches_reference_within_grey_level() {
-    for settings in looks() {
-        let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        scan.slices(0..24).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
-        let mut live = Renderer::new(&settings, stage).unwrap();
-        live.update_all(weaver.volume());
-        let exact = reference::render(weaver.volume(), &settings, &stage).unwrap();
+    for settings in all_settings() {
+        let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
+        let mut live = Renderer::new(&settings, region).unwrap();
+        live.update_all(reconstructor.volume());
+        let exact = reference::render(reconstructor.volume(), &settings, &region).unwrap();
         let [most, rms] = exact.difference(&live.picture());
         // The error of the stop, and the rounding of single precision.
         assert!(most <= f64::from(settings.stop) + 2e-4, "{:?}: {most} {rms}", settings.view);
@@ -289,42 +289,42 @@ fn live_picture_matches_reference_within_grey_level() {
 
 #[test]
 fn unchanged_volume_costs_no_work() {
-    let (scan, weave, stage) = sweep(3, Motion::Freehand, DMat3::IDENTITY);
+    let (scan, reconstruction, region) = sweep(3, Motion::Freehand, DMat3::IDENTITY);
     let settings = RenderSettings::new([64, 64], tissue());
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-    let touched = weaver.insert(&scan.slice(0)).unwrap();
-    let mut renderer = Renderer::new(&settings, stage).unwrap();
-    renderer.update(weaver.volume(), &touched.bricks);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    let touched = reconstructor.insert(&scan.slice(0)).unwrap();
+    let mut renderer = Renderer::new(&settings, region).unwrap();
+    renderer.update(reconstructor.volume(), &touched.bricks);
     // The inserter refuses the same image from a parked probe; its bricks, if given again, have
     // not changed.
-    assert!(weaver.insert(&scan.slice(0)).is_err());
-    let again = renderer.update(weaver.volume(), &touched.bricks).work;
+    assert!(reconstructor.insert(&scan.slice(0)).is_err());
+    let again = renderer.update(reconstructor.volume(), &touched.bricks).work;
     let idle = RenderWork { bricks_read: touched.bricks.len() as u64, ..RenderWork::default() };
     assert_eq!(again, idle);
     // A volume outside the render region is not read.
     let aside = RenderRegion::new(half_mm(), [400; 3], [420; 3]).unwrap();
     let mut elsewhere = Renderer::new(&settings, aside).unwrap();
-    let work = elsewhere.update(weaver.volume(), &touched.bricks).work;
+    let work = elsewhere.update(reconstructor.volume(), &touched.bricks).work;
     assert_eq!(work, idle);
     assert!(elsewhere.picture().pixels.iter().all(|p| *p == [0.0, 0.0, 0.0, 1.0]));
 }
 
 #[test]
 fn cache_beyond_limit_is_reduced_with_note() {
-    let (_, _, stage) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
+    let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
     let small = RenderSettings { cache_bytes: 1_000, ..RenderSettings::new([64, 64], tissue()) };
-    let renderer = Renderer::new(&small, stage).unwrap();
+    let renderer = Renderer::new(&small, region).unwrap();
     assert_eq!(renderer.cache(), Cache::None);
     assert!(renderer.notes()[0].contains("--cache-bytes"), "{:?}", renderer.notes());
     let rays = Cache::ALL.map(|cache| {
-        let large = Renderer::new(&RenderSettings { cache, cache_bytes: 1 << 28, ..small.clone() }, stage).unwrap();
+        let large = Renderer::new(&RenderSettings { cache, cache_bytes: 1 << 28, ..small.clone() }, region).unwrap();
         assert!(large.cache() == cache && large.notes().is_empty());
         large.memory().rays
     });
     assert!(rays.windows(2).all(|pair| pair[0] > pair[1]), "{rays:?}");
     // Between the memory of composited blocks and that of samples.
     let middle = RenderSettings { cache_bytes: 700_000, ..small };
-    assert_eq!(Renderer::new(&middle, stage).unwrap().cache(), Cache::OneLevel);
+    assert_eq!(Renderer::new(&middle, region).unwrap().cache(), Cache::OneLevel);
 }
 
 #[test]
@@ -332,10 +332,10 @@ fn coverage_end_is_no_surface() {
     // Evenly grey where it was seen, so only gradient-dependent opacity could show its border.
     let volume =
         Field { low: [0; 3], high: [30; 3], value: |[x, y, z]: [i64; 3]| (x + 2 * y < 50 && z != 13).then_some(120.0) };
-    let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
-    let region = Opacity::Region(Curve::new(&[(0.0, 1.0), (255.0, 1.0)]).unwrap());
-    let transfer = Transfer::new(region, 0.5, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
-    let mut renderer = Renderer::new(&RenderSettings::new([40, 40], transfer), stage).unwrap();
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let opacity = Opacity::Region(Curve::new(&[(0.0, 1.0), (255.0, 1.0)]).unwrap());
+    let transfer = Transfer::new(opacity, 0.5, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
+    let mut renderer = Renderer::new(&RenderSettings::new([40, 40], transfer), region).unwrap();
     let work = renderer.update_all(&volume).work;
     assert!(work.bricks_changed > 40 && work.rays == 0, "{work:?}");
     assert!(renderer.picture().pixels.iter().all(|p| p[3] == 1.0));
@@ -343,23 +343,23 @@ fn coverage_end_is_no_surface() {
 
 #[test]
 fn invalid_settings_are_refused() {
-    let (_, _, stage) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
+    let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
     let fine = RenderSettings::new([64, 64], tissue());
-    let says =
-        |settings: RenderSettings| Renderer::new(&settings, stage).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(says(RenderSettings { size: [0, 64], ..fine.clone() }).contains("0×64"));
-    assert!(says(RenderSettings { size: [64, 100_000], ..fine.clone() }).contains("8192"));
-    assert!(says(RenderSettings { step: 0.0, ..fine.clone() }).contains("--step"));
-    assert!(says(RenderSettings { step: f64::NAN, ..fine.clone() }).contains("--step"));
-    assert!(says(RenderSettings { step: 1e-4, ..fine.clone() }).contains("samples a ray"));
-    assert!(says(RenderSettings { arity: Some(0), ..fine.clone() }).contains("--arity"));
-    assert!(says(RenderSettings { stop: 1.5, ..fine.clone() }).contains("transmittance"));
+    let text =
+        |settings: RenderSettings| Renderer::new(&settings, region).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(text(RenderSettings { size: [0, 64], ..fine.clone() }).contains("0×64"));
+    assert!(text(RenderSettings { size: [64, 100_000], ..fine.clone() }).contains("8192"));
+    assert!(text(RenderSettings { step: 0.0, ..fine.clone() }).contains("--step"));
+    assert!(text(RenderSettings { step: f64::NAN, ..fine.clone() }).contains("--step"));
+    assert!(text(RenderSettings { step: 1e-4, ..fine.clone() }).contains("samples a ray"));
+    assert!(text(RenderSettings { arity: Some(0), ..fine.clone() }).contains("--arity"));
+    assert!(text(RenderSettings { stop: 1.5, ..fine.clone() }).contains("transmittance"));
     for view in [
         View { azimuth: f64::NAN, ..View::default() },
         View { perspective: Some(0.0), ..View::default() },
         View { perspective: Some(180.0), ..View::default() },
     ] {
-        assert!(says(RenderSettings { view, ..fine.clone() }).contains("azimuth"), "{view:?}");
+        assert!(text(RenderSettings { view, ..fine.clone() }).contains("azimuth"), "{view:?}");
     }
     assert!(
         RenderRegion::new(half_mm(), [3; 3], [2; 3]).is_err()
@@ -371,17 +371,17 @@ fn invalid_settings_are_refused() {
 fn place_is_hidden_only_by_tissue_before_it() {
     let value = |v: [i64; 3]| Some((v[0] * 7 + v[1] * 3 + v[2] * 5).rem_euclid(200) as f32);
     let volume = Field { low: [3, -5, 0], high: [30, 20, 25], value };
-    let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
     for perspective in [None, Some(35.0)] {
         let view = View { azimuth: 30.0, elevation: 20.0, perspective, ..View::default() };
         let settings = RenderSettings { stop: 0.0, view, ..RenderSettings::new([33, 31], tissue()) };
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        let mut renderer = Renderer::new(&settings, region).unwrap();
         renderer.update_all(&volume);
         let (picture, camera) = (renderer.picture(), *renderer.camera());
         for (i, j) in [(16, 15), (11, 19), (20, 10)] {
             let ray = camera.ray(i, j);
             let hidden = |k: f64| {
-                let at = stage.world_from_stage().transform_point3(ray.base + ray.step * k);
+                let at = region.world_from_region().transform_point3(ray.base + ray.step * k);
                 renderer.transmittance_to(at)
             };
             // Behind everything, a place is as visible as the background; before everything, it

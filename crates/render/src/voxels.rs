@@ -6,13 +6,13 @@ use simd::sharing::Sharing;
 use super::classify::classifier::SampleReader;
 use super::classify::interval::Interval;
 use super::classify::shade::Shader;
-use super::mode::Keeps;
+use super::mode::VoxelData;
 use super::rays::line::Line;
 use super::rays::run::{Reader, Run};
 use super::region::RenderRegion;
 use super::settings::RenderSettings;
 use super::shaded::{Dirty, Shaded};
-use super::shown::{Changed, Shown};
+use super::snapshot::{Changed, VoxelSnapshot};
 use super::work::RenderWork;
 
 /// Voxels whose samples have C channels.
@@ -24,17 +24,17 @@ pub(super) enum Voxels<const C: usize> {
 }
 
 impl<const C: usize> Voxels<C> {
-    pub(super) fn new(stage: &RenderRegion, settings: &RenderSettings) -> Self {
-        match settings.mode.keeps() {
-            Keeps::Lit | Keeps::Intensity => Self::Lit(Shaded::new(stage, Interval::ALL)),
-            Keeps::SampleClassifier => Self::SampleClassifier(Shaded::new(stage, Interval::of(settings))),
+    pub(super) fn new(region: &RenderRegion, settings: &RenderSettings) -> Self {
+        match settings.mode.voxel_data() {
+            VoxelData::Lit | VoxelData::Intensity => Self::Lit(Shaded::new(region, Interval::ALL)),
+            VoxelData::SampleClassifier => Self::SampleClassifier(Shaded::new(region, Interval::of(settings))),
         }
     }
 
     /// Same as [`Shaded::update`].
     pub(super) fn update(
         &mut self,
-        shown: &Shown,
+        snapshot: &VoxelSnapshot,
         voxels: &[Changed],
         shader: &Shader<f32>,
         simd: Simd,
@@ -42,8 +42,8 @@ impl<const C: usize> Voxels<C> {
         dirty: &mut Vec<Dirty>,
     ) -> u64 {
         match self {
-            Self::Lit(shaded) => shaded.update(shown, voxels, shader, simd, sharing, dirty),
-            Self::SampleClassifier(shaded) => shaded.update(shown, voxels, shader, simd, sharing, dirty),
+            Self::Lit(shaded) => shaded.update(snapshot, voxels, shader, simd, sharing, dirty),
+            Self::SampleClassifier(shaded) => shaded.update(snapshot, voxels, shader, simd, sharing, dirty),
         }
     }
 

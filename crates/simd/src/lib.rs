@@ -51,6 +51,7 @@ impl Simd {
     }
 
     /// Whether this machine supports it.
+    #[inline]
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

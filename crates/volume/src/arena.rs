@@ -68,12 +68,14 @@ impl Arena {
     }
 
     /// Returns a piece.
+    #[inline]
     pub(crate) fn piece(&self, index: usize) -> &[u8] {
         let (chunk, place) = self.locate(index);
         &self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
     }
 
     /// Returns a piece for writing.
+    #[inline]
     pub(crate) fn piece_mut(&mut self, index: usize) -> &mut [u8] {
         let (chunk, place) = self.locate(index);
         &mut self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
@@ -85,6 +87,7 @@ impl Arena {
     }
 
     /// Returns the chunk of a piece and its position in the chunk.
+    #[inline]
     pub(crate) fn locate(&self, index: usize) -> (usize, usize) {
         (index / self.per_chunk, index % self.per_chunk)
     }

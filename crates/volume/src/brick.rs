@@ -41,6 +41,7 @@ pub struct Stamps(pub [u32; VOXELS]);
 pub struct Ages(pub [u16; VOXELS]);
 
 /// Returns the index of a voxel in its brick: tiles x fastest, and x fastest in a tile.
+#[inline]
 pub const fn offset(x: usize, y: usize, z: usize) -> usize {
     let [tx, ty, tz] = TILE;
     let tile = (z / tz * (EDGE / ty) + y / ty) * (EDGE / tx) + x / tx;
@@ -48,6 +49,7 @@ pub const fn offset(x: usize, y: usize, z: usize) -> usize {
 }
 
 /// Returns the voxel at an index in its brick: the inverse of [`offset`].
+#[inline]
 pub const fn voxel_at(place: usize) -> [usize; 3] {
     let [tx, ty, tz] = TILE;
     let (tile, lane) = (place / (tx * ty * tz), place % (tx * ty * tz));

@@ -27,6 +27,7 @@ pub struct Slot(u32);
 
 impl Slot {
     /// Index in the arena.
+    #[inline]
     pub fn index(self) -> usize {
         self.0 as usize
     }
@@ -87,6 +88,7 @@ pub struct BrickVolume {
     places: Vec<BrickIndex>,
 }
 
+#[inline]
 fn block_of(brick: BrickIndex) -> (BrickIndex, usize) {
     let block = brick.map(|b| b.div_euclid(BLOCK));
     let [x, y, z] = brick.map(|b| b.rem_euclid(BLOCK) as usize);
@@ -136,6 +138,7 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn epoch(&self, slot: Slot) -> Epoch {
         self.epochs[slot.index()]
     }
@@ -144,6 +147,7 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn set_epoch(&mut self, slot: Slot, epoch: Epoch) {
         self.epochs[slot.index()] = epoch;
     }
@@ -158,15 +162,8 @@ impl BrickVolume {
         self.places.is_empty()
     }
 
-    /// Bytes used: bricks, tables and positions. Memory prepared in advance comes on top, at
-    /// most 32 MiB.
-    pub fn bytes(&self) -> u64 {
-        let bricks = self.places.len() * self.brick_bytes() as usize;
-        let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
-        (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
-    }
-
     /// The slot of a brick, if it exists.
+    #[inline]
     pub fn find(&self, index: BrickIndex) -> Option<Slot> {
         let (block, place) = block_of(index);
         let slot = self.blocks.get(&block)?[place];
@@ -216,11 +213,13 @@ impl BrickVolume {
     }
 
     /// Returns a brick.
+    #[inline]
     pub fn brick(&self, slot: Slot) -> &Brick {
         bytemuck::from_bytes(self.bricks.piece(slot.index()))
     }
 
     /// Returns a brick for writing.
+    #[inline]
     pub fn brick_mut(&mut self, slot: Slot) -> &mut Brick {
         bytemuck::from_bytes_mut(self.bricks.piece_mut(slot.index()))
     }
@@ -229,11 +228,13 @@ impl BrickVolume {
     ///
     /// # Panics
     /// When the volume keeps none.
+    #[inline]
     pub fn ages_mut(&mut self, slot: Slot) -> &mut Ages {
         bytemuck::from_bytes_mut(self.ages.piece_mut(slot.index()))
     }
 
     /// Lattice position of a brick.
+    #[inline]
     pub fn place(&self, slot: Slot) -> BrickIndex {
         self.places[slot.index()]
     }
@@ -262,6 +263,7 @@ impl BrickVolume {
 
     /// Returns the chunk of a slot and its position in the chunk, to be used with
     /// [`Self::chunk_pointers`].
+    #[inline]
     pub fn locate(&self, slot: Slot) -> (usize, usize) {
         self.bricks.locate(slot.index())
     }
@@ -281,9 +283,10 @@ impl BrickVolume {
             _ => (r, w),
         }
     }
+}
 
-    /// Numerator and weight of one voxel of the lattice; zeros if there is no brick.
-    pub fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
+impl Voxels for BrickVolume {
+    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
         let mut brick = [0_i32; 3];
         for (b, v) in brick.iter_mut().zip(voxel) {
             match i32::try_from(v.div_euclid(EDGE as i64)) {
@@ -298,12 +301,7 @@ impl BrickVolume {
         self.reading(slot)(brick.r[place], brick.w[place])
     }
 
-    /// Reads numerators and weights of the voxels from `start` along x, as many as `r` and `w`
-    /// hold; zeros if there is no brick.
-    ///
-    /// # Panics
-    /// When `r` and `w` differ in length.
-    pub fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
         assert_eq!(r.len(), w.len());
         let edge = EDGE as i64;
         let [y, z] = [start[1], start[2]].map(|v| v.rem_euclid(edge) as usize);
@@ -336,9 +334,20 @@ impl BrickVolume {
         }
     }
 
-    /// Smallest and largest lattice index of the seen voxels, both inclusive; `None` when
-    /// nothing was seen.
-    pub fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
+    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
+        let Some(slot) = self.find(block) else {
+            r.fill(0.0);
+            w.fill(0.0);
+            return;
+        };
+        let (brick, reading) = (self.brick(slot), self.reading(slot));
+        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
+            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
+            (*r, *w) = reading(brick.r[place], brick.w[place]);
+        }
+    }
+
+    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
         let mut lowest = [i64::MAX; 3];
         let mut highest = [i64::MIN; 3];
         for (place, brick) in self.iter() {
@@ -361,40 +370,16 @@ impl BrickVolume {
         }
         (lowest[0] <= highest[0]).then_some((lowest, highest))
     }
-}
-
-impl Voxels for BrickVolume {
-    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
-        Self::voxel(self, voxel)
-    }
-
-    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
-        Self::row(self, start, r, w);
-    }
-
-    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
-        let Some(slot) = self.find(block) else {
-            r.fill(0.0);
-            w.fill(0.0);
-            return;
-        };
-        let (brick, reading) = (self.brick(slot), self.reading(slot));
-        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
-            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
-            (*r, *w) = reading(brick.r[place], brick.w[place]);
-        }
-    }
-
-    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
-        Self::seen_bounds(self)
-    }
 
     fn blocks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
         Box::new(self.places.iter().copied())
     }
 
+    /// Memory prepared in advance comes on top, at most 32 MiB.
     fn bytes(&self) -> u64 {
-        Self::bytes(self)
+        let bricks = self.places.len() * self.brick_bytes() as usize;
+        let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
+        (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
     }
 }
 
@@ -408,6 +393,7 @@ pub struct Finder<'a> {
 
 impl Finder<'_> {
     /// Same as [`BrickVolume::find`].
+    #[inline]
     pub fn find(&mut self, index: BrickIndex) -> Option<Slot> {
         let (block, place) = block_of(index);
         if block != self.block {

@@ -71,6 +71,7 @@ impl ColumnVolume {
         Self { first_z, share, stride, slots: FxHashMap::default(), places: Vec::new(), dated, arena }
     }
 
+    #[inline]
     fn floats(stride: usize, dated: bool) -> usize {
         COLUMNS * (stride + 1 + if dated { size_of::<i64>() / size_of::<f32>() } else { 0 })
     }
@@ -112,6 +113,7 @@ impl ColumnVolume {
     }
 
     /// The slot of a tile, if it exists.
+    #[inline]
     pub fn find(&self, tile: TileIndex) -> Option<u32> {
         self.slots.get(&tile).copied()
     }
@@ -142,11 +144,13 @@ impl ColumnVolume {
     }
 
     /// Floats of a tile.
+    #[inline]
     pub fn tile_len(&self) -> usize {
         Self::floats(self.stride, self.dated)
     }
 
     /// Returns a tile's columns and their weights.
+    #[inline]
     fn tile(&self, slot: u32) -> (&[f32], &[f32]) {
         let (columns, rest) = bytemuck::cast_slice(self.arena.piece(slot as usize)).split_at(COLUMNS * self.stride);
         (columns, &rest[..COLUMNS])
@@ -171,17 +175,20 @@ impl ColumnVolume {
 
     /// Returns the chunk of a tile and the offset of its floats in the chunk, to be used with
     /// [`Self::chunk_pointers`].
+    #[inline]
     pub fn locate(&self, slot: u32) -> (usize, usize) {
         let (chunk, place) = self.arena.locate(slot as usize);
         (chunk, place * self.tile_len())
     }
 
     /// Returns the position of a z index in the columns.
+    #[inline]
     fn depth_of(&self, z: i64) -> Option<usize> {
         usize::try_from(z.checked_sub(self.first_z)?).ok().filter(|z| *z < self.depth())
     }
 
     /// Returns the tile of a column, and the column's index in it.
+    #[inline]
     fn tile_of(x: i64, y: i64) -> Option<(TileIndex, usize)> {
         let edge = EDGE as i64;
         let [tx, ty] = [x, y].map(|v| i32::try_from(v.div_euclid(edge)).ok());

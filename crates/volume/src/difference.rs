@@ -345,9 +345,9 @@ mod tests {
         let a = header([10, 10, 10], [0.0; 3]);
         let overlap = Overlap::of(&a, &header([10, 4, 20], [1.0, -1.0, -2.5])).unwrap();
         assert_eq!((overlap.first, overlap.size), ([[2, 0, 0], [0, 2, 5]], [8, 2, 10]));
-        let fails = |b: &VolumeHeader, says: &str| {
+        let fails = |b: &VolumeHeader, text: &str| {
             let why = Overlap::of(&a, b).err().unwrap().to_string();
-            assert!(why.contains(says), "{why}");
+            assert!(why.contains(text), "{why}");
         };
         fails(&header([10, 10, 10], [0.1, 0.0, 0.0]), "0.200 of a voxel apart along axis 0");
         fails(&header([10, 10, 10], [5.0, 0.0, 0.0]), "do not overlap");

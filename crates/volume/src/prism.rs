@@ -49,6 +49,7 @@ impl Prism {
     }
 
     /// Whether a voxel lies inside, or at most `slack` outside a face.
+    #[inline]
     pub fn holds(&self, voxel: [i64; 3], slack: f64) -> bool {
         let at = DVec3::from_array(voxel.map(|x| x as f64));
         self.faces.iter().all(|f| (f.low - slack..=f.high + slack).contains(&f.normal.dot(at)))

@@ -52,9 +52,7 @@ pub trait Values: Sync {
     /// Reads values and weights of a block of 8³ voxels, x fastest: the same bits as
     /// [`Self::values`].
     fn brick(&self, block: BrickIndex, value: &mut [f32; VOXELS], weight: &mut [f32; VOXELS]) {
-        for (line, (value, weight)) in value.chunks_exact_mut(EDGE).zip(weight.chunks_exact_mut(EDGE)).enumerate() {
-            self.values(line_of(block, line), value, weight);
-        }
+        lines(self, block, value, weight);
     }
 
     /// Iterates over the blocks of 8³ voxels that may hold anything, each once, by lattice
@@ -62,13 +60,27 @@ pub trait Values: Sync {
     fn bricks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_>;
 }
 
+/// Reads a block line by line along x: the default of [`Values::brick`].
+pub(crate) fn lines(
+    volume: &(impl Values + ?Sized),
+    block: BrickIndex,
+    value: &mut [f32; VOXELS],
+    weight: &mut [f32; VOXELS],
+) {
+    for (line, (value, weight)) in value.chunks_exact_mut(EDGE).zip(weight.chunks_exact_mut(EDGE)).enumerate() {
+        volume.values(line_of(block, line), value, weight);
+    }
+}
+
 /// Returns the lattice index of the first voxel of a line along x of a block.
+#[inline]
 fn line_of(block: BrickIndex, line: usize) -> [i64; 3] {
     let [x, y, z] = block.map(|b| i64::from(b) * EDGE as i64);
     [x, y + (line % EDGE) as i64, z + (line / EDGE) as i64]
 }
 
 /// Converts sums to values; unseen voxels get value 0 and weight 0.
+#[inline]
 fn divide(value: &mut [f32], weight: &mut [f32]) {
     for (value, weight) in value.iter_mut().zip(weight) {
         let seen = *weight > SEEN;

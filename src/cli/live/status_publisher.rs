@@ -133,7 +133,7 @@ impl StatusPublisher {
             self.published = Some(Instant::now());
             // Scan guidance is useless for a replay.
             if let Some(guidance) = self.guidance.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(guidance.tell(status, Monotonic.now_ns()));
+                self.latest.coached(guidance.status(status, Monotonic.now_ns()));
             }
             self.latest.tell(status, self.service.stalled());
         }

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use volume::DenseVolume;
 
-use super::look::Look;
+use super::view_flags::ViewFlags;
 use crate::cli::values;
 
 /// Flags of `render`.
@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.json")]
     pub(super) stats: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) look: Look,
+    pub(super) look: ViewFlags,
 }
 
 // clap takes an array for its own notation of repeated values; a named type is a single value to

@@ -34,7 +34,7 @@ impl Over<'_> {
             return Ok(Vec::new());
         }
         let mut over = copy(&picture, self.background);
-        let (camera, middle) = (self.renderer.camera(), self.renderer.stage().centre_mm());
+        let (camera, middle) = (self.renderer.camera(), self.renderer.region().centre_mm());
         let seen = |at| self.renderer.transmittance_to(at);
         let marks =
             self.slice.map(|(slice, data)| SliceMarks { world_from_image: slice.world_from_image, data, seen: &seen });

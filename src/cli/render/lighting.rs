@@ -101,8 +101,8 @@ mod tests {
         for value in [parts.ambient, parts.diffuse, parts.specular, f64::from(parts.shininess)] {
             assert!(help.contains(&format!("[default: {value}]")), "{value}: {help}");
         }
-        let said = "--light headlight --ambient 0.3 --diffuse 0.7 --specular 0.2 --shininess 16 --two-sided true";
-        assert_eq!(light(said).unwrap(), Light::default());
+        let flags = "--light headlight --ambient 0.3 --diffuse 0.7 --specular 0.2 --shininess 16 --two-sided true";
+        assert_eq!(light(flags).unwrap(), Light::default());
         let given = |words: [&str; 2]| Command::parse_from(["x", words[0], words[1]]).lighting.given();
         assert_eq!(given(["--two-sided", "false"]), Some("two_sided"));
         assert_eq!(given(["--depth-cue", "1,0.5"]), Some("depth_cue"));
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn impossible_light_refused_with_reason() {
-        for (words, says) in [
+        for (words, text) in [
             ("--ambient -0.1", "the ambient part of the light must lie between 0 and 1, not -0.1"),
             ("--specular nan", "the specular part"),
             ("--shininess 0", "exponent must be 1 or more"),
@@ -135,7 +135,7 @@ mod tests {
             ("--depth-cue 1", "2 numbers"),
         ] {
             let refused = light(words).unwrap_err();
-            assert!(refused.contains(says), "{words}: {refused}");
+            assert!(refused.contains(text), "{words}: {refused}");
         }
     }
 }

@@ -64,7 +64,7 @@ pub(super) fn run(
     write_rgb(&sheet.draw(&sampled, window, look.planar.wash())?, output)?;
     let wall_s = began.elapsed().as_secs_f64();
     let picture = look.planar.numbers(&sheet, &sampled);
-    let said = picture.to_string();
+    let text = picture.to_string();
     if let Some(path) = &arguments.stats {
         let statistics = Statistics {
             source: Source::new(arguments, volume),
@@ -83,6 +83,6 @@ pub(super) fn run(
     for note in notes {
         eprintln!("sonoweave: note: {note}");
     }
-    println!("{}: {said}, of {}, in {:.0} ms", output.display(), arguments.volume.display(), wall_s * 1e3);
+    println!("{}: {text}, of {}, in {:.0} ms", output.display(), arguments.volume.display(), wall_s * 1e3);
     Ok(())
 }

@@ -19,12 +19,12 @@ use super::follow::Follow;
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
-use crate::cli::render::look::Look;
 use crate::cli::render::planar::Draw;
+use crate::cli::render::view_flags::ViewFlags;
 
 /// Renders after each slice.
 pub(super) struct Following {
-    look: Look,
+    look: ViewFlags,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
@@ -49,14 +49,14 @@ struct FirstSlice {
 
 impl FirstSlice {
     /// Returns the present picture and the data for annotations.
-    fn over<'a>(&'a self, look: &Look) -> Over<'a> {
+    fn over<'a>(&'a self, look: &ViewFlags) -> Over<'a> {
         let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
         Over { renderer: &self.renderer, background: look.background, slice }
     }
 }
 
 impl Following {
-    pub(super) fn new(look: &Look, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
+    pub(super) fn new(look: &ViewFlags, window: Option<[f32; 2]>, threads: usize, series: Option<Series>) -> Self {
         Self {
             look: look.clone(),
             window,

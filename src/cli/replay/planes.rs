@@ -19,8 +19,8 @@ use volume::lattice::{Shifted, canonical};
 use super::follow::Follow;
 use super::series::Series;
 use crate::cli::Failure;
-use crate::cli::render::look::Look;
 use crate::cli::render::planar::SheetNumbers;
+use crate::cli::render::view_flags::ViewFlags;
 
 /// Source of the planes' values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -34,7 +34,7 @@ pub(super) enum Source {
 
 /// Draws planes. The volume is sampled only when a picture is due.
 pub(super) struct Planes {
-    look: Look,
+    look: ViewFlags,
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
@@ -75,7 +75,7 @@ pub(super) struct PlanesStatistics {
 
 impl Planes {
     pub(super) fn new(
-        look: &Look,
+        look: &ViewFlags,
         window: Option<[f32; 2]>,
         threads: usize,
         series: Option<Series>,

@@ -30,31 +30,31 @@ fn playing(flags: &str, action: impl FnOnce(&Path, &Arguments, i64)) -> String {
     let arguments = Arguments { link: Some(link.clone()), ..arguments(flags) };
     let begin_ns = Monotonic.now_ns();
     let ends = AtomicBool::new(false);
-    let said = std::thread::scope(|scope| {
+    let text = std::thread::scope(|scope| {
         let player = scope.spawn(|| {
-            let mut said = Vec::new();
-            play(&arguments, begin_ns, &ends, &mut said).map(|()| said)
+            let mut text = Vec::new();
+            play(&arguments, begin_ns, &ends, &mut text).map(|()| text)
         });
         // A panic in `action` must not leave the simulation running.
         let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| action(&link, &arguments, begin_ns)));
         ends.store(true, Ordering::Relaxed);
-        let said = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
+        let text = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
         if let Err(panic) = done {
             std::panic::resume_unwind(panic);
         }
-        said
+        text
     });
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no link is left");
-    String::from_utf8(said).unwrap()
+    String::from_utf8(text).unwrap()
 }
 
-/// Reads `wanted` readings of a device that exists, or appears soon.
-fn readings(settings: &OpenSettings, wanted: usize) -> Vec<Reading> {
+/// Reads `count` readings of a device that exists, or appears soon.
+fn readings(settings: &OpenSettings, count: usize) -> Vec<Reading> {
     let mut device: Box<dyn Device> = drivers::open(settings).unwrap();
     device.start().unwrap();
     let end = Monotonic.now_ns() + 30 * SECOND;
     let mut found = Vec::new();
-    while found.len() < wanted {
+    while found.len() < count {
         assert!(Monotonic.now_ns() < end, "{:?}", device.health());
         if let Next::Reading(reading) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
             found.push(reading);
@@ -73,7 +73,7 @@ fn drivers_open_twins_and_read_exact_poses() {
         ("viper --found streaming --rate 120", Model::Viper, 240.0),
     ];
     for (flags, model, hz) in cases {
-        let said = playing(flags, |link, arguments, begin_ns| {
+        let text = playing(flags, |link, arguments, begin_ns| {
             let port = TrackerPort::Serial { path: link.into(), baud: Some(115_200) };
             let settings = Settings { stations: vec![1, 2], ..Settings::default() };
             let settings = OpenSettings::Tracker(TrackerSettings { model, port, settings, keeps_raw: false });
@@ -94,14 +94,14 @@ fn drivers_open_twins_and_read_exact_poses() {
                 assert!(exact, "{flags}: {pose:?}");
             }
         });
-        assert!(said.contains(", linked from ") && said.contains("to and fro"), "{said}");
-        assert!(said.contains("obeyed: ") && said.contains("bytes sent, 0 of them lost"), "{said}");
+        assert!(text.contains(", linked from ") && text.contains("to and fro"), "{text}");
+        assert!(text.contains("obeyed: ") && text.contains("bytes sent, 0 of them lost"), "{text}");
     }
 }
 
 #[test]
 fn arm_counts_are_read_exactly() {
-    let said = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
+    let text = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
         let model = ArmModel::Ea1 { path: link.into(), speech: Speech::Lines };
         let settings = OpenSettings::Arm(ArmSettings { model, settings: ArmSetup::default(), keeps_raw: false });
         let joints = arguments.joints(begin_ns).unwrap();
@@ -115,12 +115,12 @@ fn arm_counts_are_read_exactly() {
             assert_eq!(counts.homed, 7);
         }
     });
-    assert!(said.contains("ea1, arm of 3 joints, 100000 counts a turn, found wrong-mode: arm sweep"), "{said}");
+    assert!(text.contains("ea1, arm of 3 joints, 100000 counts a turn, found wrong-mode: arm sweep"), "{text}");
 }
 
 #[test]
 fn three_axes_three_terminals_replugged_under_same_name() {
-    let said = playing("qsb --unplug-every 0.3", |link, _, _| {
+    let text = playing("qsb --unplug-every 0.3", |link, _, _| {
         let axis = |n: u8| link.with_file_name(format!("line{n}"));
         let end = Monotonic.now_ns() + 20 * SECOND;
         let mut seen: Vec<PathBuf> = Vec::new();
@@ -147,9 +147,9 @@ fn three_axes_three_terminals_replugged_under_same_name() {
         }
         assert!(axis(1).is_symlink() && axis(2).is_symlink());
     });
-    let lines = |of: &str| said.lines().filter(|line| line.contains(of)).count();
-    assert!(lines("qsb axis 3, linked from") >= 2 && lines("unplugged for 2 s") >= 1, "{said}");
-    assert!(said.contains("no program sent a command"), "{said}");
+    let lines = |of: &str| text.lines().filter(|line| line.contains(of)).count();
+    assert!(lines("qsb axis 3, linked from") >= 2 && lines("unplugged for 2 s") >= 1, "{text}");
+    assert!(text.contains("no program sent a command"), "{text}");
 }
 
 #[test]
@@ -197,20 +197,20 @@ fn words_formats_commands() {
     assert_eq!(words(b"\r"), "end of line");
     assert_eq!(words(&[0xc2]), "c2");
     assert_eq!(words(&drivers::tracker::polhemus::viper::Command::WhoAmI.bytes()), "get 20");
-    let mut asked = BTreeMap::from([("P".to_owned(), 3)]);
-    asked.insert("c".into(), 1);
+    let mut commands = BTreeMap::from([("P".to_owned(), 3)]);
+    commands.insert("c".into(), 1);
     let tally = Tally { bytes: 1000, dropped: 5, garbled: 2, withheld: 1 };
     assert_eq!(
-        summary(12.34, tally, &asked),
+        summary(12.34, tally, &commands),
         "12.3 s: 1000 bytes sent, 5 of them lost and 2 garbled; 1 records not sent\nobeyed: P ×3; c ×1\n"
     );
-    let said =
+    let text =
         arguments("liberty --noise 0.3,0.1 --garble 0.001 --dropout 0.01 --drift -40 --jitter 2").describe().unwrap();
-    assert!(said.starts_with("liberty, 2 sensors, found quiet: freehand sweep of 120 poses"), "{said}");
+    assert!(text.starts_with("liberty, 2 sensors, found quiet: freehand sweep of 120 poses"), "{text}");
     assert!(
-        said.ends_with(
+        text.ends_with(
             "faults: noise of 0.3 mm and 0.1°, 0.1 % garbled, 1 % of records not sent, clock off by -40 parts in a million, up to 2 ms of jitter"
         ),
-        "{said}"
+        "{text}"
     );
 }

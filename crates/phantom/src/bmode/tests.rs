@@ -384,13 +384,13 @@ fn instruction_sets_give_identical_bits() {
 #[test]
 fn invalid_scanner_is_refused_with_its_number() {
     let good = Scanner::abdominal(100.0);
-    for (scanner, says) in [
+    for (scanner, text) in [
         (Scanner { depth_mm: f64::NAN, ..good }, "the depth, mm, is NaN"),
         (Scanner { beams: 1, ..good }, "the number of beams is 1"),
         (Scanner { dynamic_range_db: 0.0, ..good }, "the dynamic range, dB, is 0; it must lie between 1 and 200"),
     ] {
         let error = Layout::new(&scanner, SIZE, [0.5; 2]).unwrap_err().to_string();
-        assert!(error.contains(says), "{error}");
+        assert!(error.contains(text), "{error}");
     }
     let oblong = Layout::new(&good, SIZE, [0.5, 0.6]).unwrap_err().to_string();
     assert!(oblong.contains("square pixels"), "{oblong}");

@@ -263,7 +263,7 @@ impl RenderState<'_> {
         if is_new {
             self.view = view;
             // An invalid view leaves the previous one unchanged.
-            drawn.refining |= drawn.renderer.look(view).is_ok();
+            drawn.refining |= drawn.renderer.set_view(view).is_ok();
         }
         if !drawn.refining {
             return false;

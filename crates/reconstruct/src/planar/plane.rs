@@ -59,7 +59,7 @@ pub(super) struct ScanPlane {
 /// The line of a slice in the plane: affine functions of a column's lattice indices, as value
 /// at column (0, 0) and steps along x and y.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Footing {
+pub(super) struct SliceLine {
     /// Row of the data, 0 at its first.
     pub(super) row: [f64; 3],
     /// Distance from the slice, mm.
@@ -107,7 +107,7 @@ impl ScanPlane {
     /// Returns a slice's line in the plane, and the departure of its corners from it in voxels.
     /// The departure is the part of the pose that a shift in the plane and a turn about its
     /// normal cannot produce from the first slice.
-    pub(super) fn meet(&self, world_from_image: Transform<World, ImageFrame>) -> (Footing, f64) {
+    pub(super) fn meet(&self, world_from_image: Transform<World, ImageFrame>) -> (SliceLine, f64) {
         let image = self.lattice_from_world * world_from_image.affine();
         // The line of the slice in the plane is that of its middle column.
         let middle = 0.5 * (self.u[0] + self.u[1]);
@@ -128,12 +128,12 @@ impl ScanPlane {
         let along = along / row_mm;
         let across = DVec2::new(-along.y, along.x);
         let rows = along / row_mm;
-        let footing = Footing {
+        let slice_line = SliceLine {
             row: [-rows.dot(origin) - self.v[0], rows.x * scale.x, rows.y * scale.y],
             distance: [-across.dot(origin), across.x * scale.x, across.y * scale.y],
             row_mm,
         };
-        (footing, displacement)
+        (slice_line, displacement)
     }
 }
 

@@ -162,8 +162,8 @@ impl PlanarReconstructor {
     /// Inserts the first slice, which determines the plane; if refused, it leaves no trace.
     fn insert_first(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
         let plane = ScanPlane::new(&self.settings, self.planar.direction, self.data, slice.world_from_image);
-        let footing = self.footing(&plane, slice)?;
-        let rows = Rows::new(&self.settings, plane.column_mm(), footing.row_mm, self.data)?;
+        let slice_line = self.slice_line(&plane, slice)?;
+        let rows = Rows::new(&self.settings, plane.column_mm(), slice_line.row_mm, self.data)?;
         let data = self.data;
         // A range that no tile within the memory limit could hold is refused before its voxels
         // are counted.
@@ -202,25 +202,25 @@ impl PlanarReconstructor {
     }
 
     /// Returns the line of a slice in the plane.
-    fn footing(&self, plane: &ScanPlane, slice: &Slice) -> Result<super::plane::Footing, Refused> {
-        let (footing, voxels) = plane.meet(slice.world_from_image);
+    fn slice_line(&self, plane: &ScanPlane, slice: &Slice) -> Result<super::plane::SliceLine, Refused> {
+        let (slice_line, voxels) = plane.meet(slice.world_from_image);
         let tolerance_voxels = self.planar.tolerance_voxels;
-        match voxels <= tolerance_voxels && footing.row_mm.is_normal() && plane.z_step > 0.0 {
-            true => Ok(footing),
+        match voxels <= tolerance_voxels && slice_line.row_mm.is_normal() && plane.z_step > 0.0 {
+            true => Ok(slice_line),
             false => Err(Departure::Pose { voxels, tolerance_voxels }.into()),
         }
     }
 
     fn insert_next(&mut self, scan: &mut Scan, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
-        let footing = self.footing(&scan.plane, slice)?;
-        if !scan.rows.fit(footing.row_mm) {
-            scan.rows = Rows::new(&self.settings, scan.plane.column_mm(), footing.row_mm, self.data)?;
+        let slice_line = self.slice_line(&scan.plane, slice)?;
+        if !scan.rows.fit(slice_line.row_mm) {
+            scan.rows = Rows::new(&self.settings, scan.plane.column_mm(), slice_line.row_mm, self.data)?;
         }
         let (simd, limit_bytes) = (self.settings.simd, self.settings.memory_bytes);
         let clock = self.clock.after(slice.time_ns);
         let decay = self.decay().map(|decay| (decay, clock.elapsed_ns()));
         let least = if decay.is_some() { LEAST_TOUCH } else { 0.0 };
-        let strip = Strip { footing, rows: &scan.rows.kernel, normal: &scan.normal, least };
+        let strip = Strip { slice_line, rows: &scan.rows.kernel, normal: &scan.normal, least };
         let (plan, volume, bands) = (&mut self.plan, &self.volume, &mut scan.bands);
         // Finding tiles and summing the image along u are independent.
         let (planned, ()) =
@@ -231,7 +231,7 @@ impl PlanarReconstructor {
         let bands = &scan.bands;
         let (values, stride, level) = (bands.lines(), bands.stride(), bands.level);
         let lines = Lines { values, stride, level, most_weight, decay };
-        self.plan.weave(&mut self.volume, &strip, &lines, simd, sharing);
+        self.plan.insert(&mut self.volume, &strip, &lines, simd, sharing);
         // If older values fade, reading a brick anew may change its other voxels too.
         let slab = decay.is_none().then(|| strip.prism(bands.first_z, bands.share.len())).flatten();
         let touched = Touched { slab, ..self.count(bands) };

@@ -13,7 +13,7 @@ use volume::brick::EDGE;
 use volume::columns::{COLUMNS, TileIndex, TileMut};
 use volume::{ColumnVolume, Prism};
 
-use super::plane::Footing;
+use super::plane::SliceLine;
 use super::table::{KernelTable, MOST_TAPS, RowKernel, Taps};
 use crate::Refused;
 use crate::decay::{Decay, LEAST_FACTOR, LEAST_TOUCH};
@@ -45,7 +45,7 @@ pub(super) struct Task {
 /// A slice in terms of columns.
 #[derive(Clone, Copy)]
 pub(super) struct Strip<'a> {
-    pub(super) footing: Footing,
+    pub(super) slice_line: SliceLine,
     pub(super) rows: &'a RowKernel,
     pub(super) normal: &'a KernelTable,
     /// Least weight that changes a column.
@@ -70,7 +70,8 @@ impl Strip<'_> {
     /// Row and distance at a column.
     #[inline(always)]
     fn at(&self, x: f64, y: f64) -> (f64, f64) {
-        let [row, distance] = [self.footing.row, self.footing.distance].map(|[base, dx, dy]| base + x * dx + y * dy);
+        let [row, distance] =
+            [self.slice_line.row, self.slice_line.distance].map(|[base, dx, dy]| base + x * dx + y * dy);
         (row, distance)
     }
 
@@ -114,7 +115,7 @@ impl Strip<'_> {
     /// voxels; lattice indices.
     pub(super) fn prism(&self, first_z: i64, depth: usize) -> Option<Prism> {
         let [row, distance] =
-            [self.footing.row, self.footing.distance].map(|[base, dx, dy]| (base, DVec3::new(dx, dy, 0.0)));
+            [self.slice_line.row, self.slice_line.distance].map(|[base, dx, dy]| (base, DVec3::new(dx, dy, 0.0)));
         let [rows, across] = self.limits().map(|[low, high]| [low - SLACK, high + SLACK]);
         let along = [first_z as f64, first_z as f64 + depth as f64 - 1.0];
         Prism::between([row, distance, (0.0, DVec3::Z)], [rows, across, along])
@@ -124,7 +125,7 @@ impl Strip<'_> {
     /// index is out of range.
     fn tile_box(&self) -> Option<[[i32; 2]; 2]> {
         let limits = self.limits();
-        let ([b, bx, by], [c, cx, cy]) = (self.footing.row, self.footing.distance);
+        let ([b, bx, by], [c, cx, cy]) = (self.slice_line.row, self.slice_line.distance);
         let determinant = bx * cy - by * cx;
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for corner in 0..4_usize {
@@ -147,7 +148,7 @@ impl Strip<'_> {
     /// until it returns false.
     fn walk(&self, [xs, ys]: [[i32; 2]; 2], mut visit: impl FnMut(TileIndex) -> bool) {
         let (edge, limits) = (EDGE as f64, self.limits());
-        let steps = [self.footing.row, self.footing.distance];
+        let steps = [self.slice_line.row, self.slice_line.distance];
         for y in ys[0]..=ys[1] {
             let (row, distance) = self.at(HALF, f64::from(y) * edge + HALF);
             let (mut first, mut last) = (f64::from(xs[0]), f64::from(xs[1]));
@@ -249,7 +250,7 @@ impl Plan {
     }
 
     /// Inserts the slice into all tiles, each by one thread.
-    pub(super) fn weave(
+    pub(super) fn insert(
         &mut self,
         volume: &mut ColumnVolume,
         strip: &Strip<'_>,
@@ -274,7 +275,7 @@ impl Plan {
                     // out. Each tile of the lattice is visited once in a walk and has its own
                     // slot, so no two tasks reach the same tile.
                     let tile = unsafe { std::slice::from_raw_parts_mut(chunk.0.add(first), len) };
-                    weave(simd, tile, task, strip, lines, weights);
+                    insert(simd, tile, task, strip, lines, weights);
                 }
             },
         );
@@ -283,7 +284,7 @@ impl Plan {
 
 dispatch!(
     /// Adds a slice to the columns of a tile that it reaches, and counts them in the task.
-    fn weave => weave_lanes(
+    fn insert => insert_lanes(
         tile: &mut [f32],
         task: &mut Task,
         strip: &Strip<'_>,
@@ -295,7 +296,7 @@ dispatch!(
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn weave_lanes<L: Lanes>(
+unsafe fn insert_lanes<L: Lanes>(
     tile: &mut [f32],
     task: &mut Task,
     strip: &Strip<'_>,
@@ -348,7 +349,7 @@ unsafe fn weave_lanes<L: Lanes>(
 }
 
 dispatch!(
-    /// Whether [`weave`] would change any column; called before a tile is created.
+    /// Whether [`insert`] would change any column; called before a tile is created.
     fn touches => touches_lanes(tile: TileIndex, strip: &Strip<'_>, weights: &mut [f32; MOST_TAPS]) -> bool
 );
 

@@ -64,7 +64,12 @@ pub(super) fn refusing() -> PlanarSettings {
     PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() }
 }
 
-pub(super) fn woven(settings: &Settings, planar: PlanarSettings, mask: &Mask, slices: &[Slice]) -> PlanarReconstructor {
+pub(super) fn reconstructed(
+    settings: &Settings,
+    planar: PlanarSettings,
+    mask: &Mask,
+    slices: &[Slice],
+) -> PlanarReconstructor {
     let mut r = PlanarReconstructor::new(settings.clone(), planar, mask.clone()).unwrap();
     for slice in slices {
         r.insert(slice).unwrap();
@@ -160,7 +165,7 @@ fn planar_path_matches_separable_sum_in_f64() {
     ];
     for (i, (settings, planar, mask, base, turn)) in cases.into_iter().enumerate() {
         let slices = sweep(base, turn, 9);
-        let r = woven(&settings, planar, &mask, &slices);
+        let r = reconstructed(&settings, planar, &mask, &slices);
         let ([numerator, weight, value], [differ, seen]) = against_equations(&r, &mask, &slices);
         assert!(numerator <= 1e-5 && weight <= 1e-5 && value <= 1e-5, "case {i}: {numerator} {weight} {value}");
         assert!(seen > 10_000 && differ * 1000 < seen, "case {i}: {differ} of {seen}");
@@ -172,7 +177,7 @@ fn lattice_turned_with_scan_gives_same_volume() {
     // The lattice's x is the first slice's v for any turn, and its origin is the world's, about
     // which everything turns.
     let value = |turn: f64| {
-        let r = woven(&settings(), refusing(), &full(), &sweep(DQuat::IDENTITY, turn, 5));
+        let r = reconstructed(&settings(), refusing(), &full(), &sweep(DQuat::IDENTITY, turn, 5));
         let (low, high) = r.volume().seen_bounds().unwrap();
         let (mut value, mut weight) = (vec![0.0; 60], vec![0.0; 60]);
         r.volume().row([low[0], (low[1] + high[1]) / 2, (low[2] + high[2]) / 2], &mut value, &mut weight);
@@ -245,7 +250,7 @@ fn constant_stays_constant_to_border() {
         let image = Image::new(SIZE[0], SIZE[1], Pixels::F32(vec![constant; (SIZE[0] * SIZE[1]) as usize].into()));
         let slices: Vec<Slice> = sweep(DQuat::IDENTITY, 0.2, 10);
         let slices: Vec<Slice> = slices.into_iter().map(|s| Slice { image: image.clone(), ..s }).collect();
-        let r = woven(&settings(), refusing(), &full(), &slices);
+        let r = reconstructed(&settings(), refusing(), &full(), &slices);
         let ulp = f32::from_bits(constant.to_bits() + 1) - constant;
         let (grid, low) = grid_around(r.volume(), r.settings());
         let (mut worst, mut seen) = (0.0_f32, 0);
@@ -273,7 +278,7 @@ fn constant_does_not_drift_with_clamped_weights() {
     }
     assert!(r.work().weights_clamped > 3000 * 1000);
     let (grid, low) = grid_around(r.volume(), r.settings());
-    let once = woven(&settings(), refusing(), &full(), &[slice(DQuat::IDENTITY, DVec3::Z * -4.4, 0.3, image)]);
+    let once = reconstructed(&settings(), refusing(), &full(), &[slice(DQuat::IDENTITY, DVec3::Z * -4.4, 0.3, image)]);
     let (mut worst, mut seen) = (0.0_f32, 0);
     for (_, voxel) in voxels(&grid, low) {
         let (r, w) = r.volume().voxel(voxel);
@@ -309,7 +314,7 @@ fn compared(a: &dyn Voxels, b: &dyn Voxels, settings: &Settings, deviation: f64)
 #[test]
 fn planar_agrees_with_general_path_within_deviation() {
     let slices = sweep(DQuat::from_rotation_y(0.9), 0.0, 9);
-    let planar = woven(&settings(), refusing(), &full(), &slices);
+    let planar = reconstructed(&settings(), refusing(), &full(), &slices);
     let mut general = Reconstructor::new(planar.settings().clone(), full()).unwrap();
     for slice in &slices {
         general.insert(slice).unwrap();
@@ -357,7 +362,7 @@ fn memory_is_about_four_bytes_per_voxel() {
     // 40 pixels of 0.7 mm in voxels of 0.11 mm: 256 voxels along z. The sweep fills its tiles'
     // rows.
     let fine = Settings { spacing_mm: DVec3::new(0.5, 0.5, 0.11), ..settings() };
-    let r = woven(&fine, refusing(), &full(), &sweep(DQuat::IDENTITY, 0.0, 30));
+    let r = reconstructed(&fine, refusing(), &full(), &sweep(DQuat::IDENTITY, 0.0, 30));
     let volume = r.volume();
     let bytes = volume.bytes() as f64 / volume.voxels() as f64;
     assert!(bytes <= 4.0 * volume.depth().next_multiple_of(16) as f64 / volume.depth() as f64 + 0.05, "{bytes}");

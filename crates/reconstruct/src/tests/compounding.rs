@@ -1,6 +1,7 @@
 //! Tests of selecting compounding: against the equations, in any order.
 
 use phantom::scene::Blobs;
+use volume::Voxels;
 
 use super::super::kernel::AxisKernel;
 use super::*;
@@ -12,7 +13,7 @@ fn slices() -> Vec<Slice> {
     (0..scan.frames()).map(|i| scan.slice(i)).collect()
 }
 
-fn woven<'a>(compounding: Compounding, slices: impl IntoIterator<Item = &'a Slice>) -> Reconstructor {
+fn reconstructed<'a>(compounding: Compounding, slices: impl IntoIterator<Item = &'a Slice>) -> Reconstructor {
     let mut r = Reconstructor::new(Settings { compounding, ..settings() }, fan()).unwrap();
     for slice in slices {
         r.insert(slice).unwrap();
@@ -31,7 +32,7 @@ fn ordered_bits(r: &Reconstructor) -> Vec<(BrickIndex, Vec<u32>)> {
 fn selecting_compounding_matches_equations() {
     for compounding in [Compounding::Maximum, Compounding::Latest] {
         let slices = slices();
-        let fast = woven(compounding, &slices);
+        let fast = reconstructed(compounding, &slices);
         let (grid, low) = grid_around(fast.volume(), 0.5);
         let kernels: [AxisKernel; 3] = *fast.kernels().unwrap();
         // σ 1 mm: its half width at half maximum exceeds half a voxel.
@@ -63,23 +64,26 @@ fn selecting_compounding_matches_equations() {
 fn arrival_order_irrelevant_for_distinct_times() {
     let slices = slices();
     for compounding in [Compounding::Maximum, Compounding::Latest] {
-        let in_order = ordered_bits(&woven(compounding, &slices));
-        assert!(ordered_bits(&woven(compounding, slices.iter().rev())) == in_order, "{compounding:?}: backwards");
+        let in_order = ordered_bits(&reconstructed(compounding, &slices));
+        assert!(
+            ordered_bits(&reconstructed(compounding, slices.iter().rev())) == in_order,
+            "{compounding:?}: backwards"
+        );
         let shuffled = [3, 0, 7, 2, 6, 1, 5, 4].map(|i| &slices[i]);
-        assert!(ordered_bits(&woven(compounding, shuffled)) == in_order, "{compounding:?}: shuffled");
+        assert!(ordered_bits(&reconstructed(compounding, shuffled)) == in_order, "{compounding:?}: shuffled");
     }
     // Among slices at one time the last to arrive is kept.
     let mut tied = slices.clone();
     tied.iter_mut().for_each(|s| s.time_ns = -7);
-    let kept = ordered_bits(&woven(Compounding::Latest, &tied));
-    assert!(kept == ordered_bits(&woven(Compounding::Latest, &slices)));
-    assert!(kept != ordered_bits(&woven(Compounding::Latest, tied.iter().rev())));
+    let kept = ordered_bits(&reconstructed(Compounding::Latest, &tied));
+    assert!(kept == ordered_bits(&reconstructed(Compounding::Latest, &slices)));
+    assert!(kept != ordered_bits(&reconstructed(Compounding::Latest, tied.iter().rev())));
 }
 
 #[test]
 fn maximum_touches_only_raised_voxels() {
     let grey = |value| scan(Scene::Constant(value), 1, 0.0, Depth::U8).slice(0);
-    let mut r = woven(Compounding::Maximum, [&grey(100.0)]);
+    let mut r = reconstructed(Compounding::Maximum, [&grey(100.0)]);
     let before = bits(r.volume());
     let dark = r.insert(&grey(99.0)).unwrap();
     assert_eq!((dark.voxels, dark.bricks.len()), (0, 0));
@@ -94,7 +98,7 @@ fn maximum_touches_only_raised_voxels() {
 #[test]
 fn times_out_of_range_refused_without_change() {
     let slices = slices();
-    let mut r = woven(Compounding::Latest, &slices[..2]);
+    let mut r = reconstructed(Compounding::Latest, &slices[..2]);
     let before = bits(r.volume());
     let far = Slice { time_ns: slices[0].time_ns + 60 * 3_600_000_000_000, ..slices[2].clone() };
     assert_eq!(r.insert(&far), Err(Refused::OutOfTime));

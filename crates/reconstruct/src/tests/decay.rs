@@ -2,6 +2,7 @@
 //! mode.
 
 use phantom::scene::{Blobs, Ramp};
+use volume::Voxels;
 
 use super::super::decay::LEAST_TOUCH;
 use super::*;
@@ -285,7 +286,7 @@ fn ages_cost_two_bytes_per_voxel_if_used() {
 
 #[test]
 fn invalid_decays_refused_by_name() {
-    for (decay, says) in [
+    for (decay, text) in [
         (Decay::Exponential { rate_per_s: 0.0 }, "rate"),
         (Decay::DeadTime { rate_per_s: f64::NAN, wait_s: 1.0 }, "rate"),
         (Decay::DeadTime { rate_per_s: 1.0, wait_s: -1.0 }, "wait"),
@@ -293,6 +294,6 @@ fn invalid_decays_refused_by_name() {
     ] {
         let settings = Settings { compounding: Compounding::Decay(decay), ..settings() };
         let Err(error) = Reconstructor::new(settings, fan()) else { panic!("{decay:?} was accepted") };
-        assert!(error.to_string().contains(says), "{error}");
+        assert!(error.to_string().contains(text), "{error}");
     }
 }

@@ -19,7 +19,7 @@ pub(crate) trait SampleClassifier<T> {
 const SEEN: f64 = 0.5;
 /// Iterations of the search for a surface between two samples. Regula falsi leaves less than
 /// 10⁻⁴ of a step in a smooth field, bisection a 64th at the end of coverage.
-const LOOKS: u32 = 6;
+const ITERATIONS: u32 = 6;
 
 /// Takes samples from intensity and gradient.
 #[derive(Clone, Copy)]
@@ -53,13 +53,13 @@ impl<'a> SampleReader<'a> {
         run: &mut Run<C>,
         work: &mut RenderWork,
     ) -> bool {
-        let mut matter = Run::new();
-        if !self.visible.run(line, k, n, &mut matter, work) {
+        let mut interpolated = Run::new();
+        if !self.visible.run(line, k, n, &mut interpolated, work) {
             return false;
         }
         for i in 0..n {
             let (at, before) = (line.at(k + i), line.before(k + i));
-            run.put(i as usize, sample(self.shader, &self.all, matter.sample(i as usize), at, before));
+            run.put(i as usize, sample(self.shader, &self.all, interpolated.sample(i as usize), at, before));
         }
         true
     }
@@ -80,13 +80,13 @@ impl<'a> SampleReader<'a> {
 pub(crate) fn sample<T: Real, const C: usize>(
     shader: &Shader<T>,
     field: &impl SampleClassifier<T>,
-    matter: Lit<T, 4>,
+    interpolated: Lit<T, 4>,
     at: [T; 3],
     before: [T; 3],
 ) -> Lit<T, C> {
     match shader.isovalue() {
-        None => classified(shader, matter, at),
-        Some(isovalue) => surface(shader, field, isovalue, matter, at, before),
+        None => classified(shader, interpolated, at),
+        Some(isovalue) => surface(shader, field, isovalue, interpolated, at, before),
     }
 }
 
@@ -110,8 +110,8 @@ fn classified<T: Real, const C: usize>(
 
 /// Returns the intensity above the isovalue; `None` if too little was seen.
 #[inline(always)]
-fn height<T: Real>(matter: Option<Lit<T, 4>>, isovalue: T) -> Option<T> {
-    match matter {
+fn height<T: Real>(interpolated: Option<Lit<T, 4>>, isovalue: T) -> Option<T> {
+    match interpolated {
         Some(Lit { colour: [value, ..], alpha: seen }) if seen >= T::from_f64(SEEN) => Some(value / seen - isovalue),
         _ => None,
     }
@@ -133,11 +133,11 @@ fn surface<T: Real, const C: usize>(
     shader: &Shader<T>,
     field: &impl SampleClassifier<T>,
     isovalue: T,
-    matter: Lit<T, 4>,
+    interpolated: Lit<T, 4>,
     at: [T; 3],
     before: [T; 3],
 ) -> Lit<T, C> {
-    let inside = height(Some(matter), isovalue);
+    let inside = height(Some(interpolated), isovalue);
     if !is_inside(inside) {
         return Lit { colour: [T::ZERO; C], alpha: T::ZERO };
     }
@@ -164,7 +164,7 @@ fn crossing<T: Real>(
 ) -> T {
     let (mut near, mut far) = (T::ZERO, T::ONE);
     let mut last = None;
-    for _ in 0..LOOKS {
+    for _ in 0..ITERATIONS {
         let share = between(near, far, outside, inside);
         let found = height(field.between(along(before, at, share)), isovalue);
         let ends_inside = is_inside(found);

@@ -23,7 +23,7 @@
 use volume::brick::EDGE;
 
 use crate::classify::shade::Lit;
-use crate::mode::Keeps;
+use crate::mode::VoxelData;
 use crate::settings::RenderSettings;
 
 /// Largest intensity that can count as outside an interval, in units of the larger of its ends,
@@ -44,7 +44,7 @@ pub(crate) enum Side {
     /// The voxel is transparent, or unseen.
     Clear,
     /// In the interval, or not certainly outside.
-    Shown,
+    Inside,
     /// Below it.
     Under,
     /// So far below it that samples are too, however small a share of them was seen.
@@ -79,7 +79,7 @@ impl Interval {
 
     /// Returns the interval of the intensities that samples are made of.
     pub(crate) fn of(settings: &RenderSettings) -> Self {
-        debug_assert_eq!(settings.mode.keeps(), Keeps::SampleClassifier, "what voxels keep is an intensity");
+        debug_assert_eq!(settings.mode.voxel_data(), VoxelData::SampleClassifier, "what voxels keep is an intensity");
         let reach = reach(settings.step);
         match settings.mode.isovalue() {
             Some(isovalue) => Self { reach, ..Self::between([isovalue, f64::INFINITY], false) },
@@ -112,7 +112,7 @@ impl Interval {
         } else if self.over[0] <= value && value <= self.over[1] {
             Side::Over
         } else {
-            Side::Shown
+            Side::Inside
         }
     }
 
@@ -122,7 +122,7 @@ impl Interval {
         let any = |side: Side| sides[side as usize] > 0;
         let (under, over) = (any(Side::Under) || any(Side::Far), any(Side::Over));
         let in_part = self.faint && any(Side::Clear) && (any(Side::Under) || over);
-        any(Side::Shown) || under && over || in_part
+        any(Side::Inside) || under && over || in_part
     }
 
     /// Returns the distance, in bricks, to which samples depend on a brick's voxels; `None` if

@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::classify::gradient::gradient;
 use crate::classify::light::Light;
 use crate::classify::transfer::Transfer;
-use crate::mode::Keeps;
+use crate::mode::VoxelData;
 use crate::real::{Number, Real, dot};
 use crate::region::RenderRegion;
 use crate::settings::RenderSettings;
@@ -25,7 +25,7 @@ pub(crate) struct Lit<T, const C: usize> {
 pub(crate) struct Shader<S> {
     transfer: Transfer,
     light: Light,
-    keeps: Keeps,
+    keeps: VoxelData,
     /// Whether lighting applies; otherwise tissue is evenly white.
     is_lit: bool,
     isovalue: Option<S>,
@@ -57,24 +57,24 @@ fn first<T: Copy, const C: usize>(of: [T; 4]) -> [T; C] {
 }
 
 impl<S: Real> Shader<S> {
-    pub(crate) fn new(settings: &RenderSettings, camera: &Camera, stage: &RenderRegion) -> Self {
-        let spacing = stage.spacing_mm();
-        let matrix = stage.world_from_stage().matrix3;
+    pub(crate) fn new(settings: &RenderSettings, camera: &Camera, region: &RenderRegion) -> Self {
+        let spacing = region.spacing_mm();
+        let matrix = region.world_from_region().matrix3;
         let axes = [matrix.x_axis / spacing.x, matrix.y_axis / spacing.y, matrix.z_axis / spacing.z];
         let along = |v: DVec3| axes.map(|axis| S::from_f64(axis.dot(v)));
         let to_eye = -camera.axes().forward;
         let (to_light, halfway) = settings.light.directions(to_eye);
-        let depth = |at: DVec3| camera.depth(at, stage);
+        let depth = |at: DVec3| camera.depth(at, region);
         let from = depth(DVec3::ZERO);
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| depth(axis) - from);
-        let keeps = settings.mode.keeps();
+        let keeps = settings.mode.voxel_data();
         let transfer = &settings.transfer;
         let visible = match keeps {
             // An empty interval if nothing is visible. Wider than f64 rounding, so that single
             // precision does not miss a voxel.
-            Keeps::Lit => transfer.visible().unwrap_or(NOTHING),
+            VoxelData::Lit => transfer.visible().unwrap_or(NOTHING),
             // No intensity lies beyond, and products of such values would overflow.
-            Keeps::Intensity | Keeps::SampleClassifier => [-1e30, 1e30],
+            VoxelData::Intensity | VoxelData::SampleClassifier => [-1e30, 1e30],
         };
         Self {
             transfer: settings.transfer.clone(),
@@ -84,7 +84,7 @@ impl<S: Real> Shader<S> {
             isovalue: settings.mode.isovalue().map(S::from_f64),
             is_grey: settings.mode.is_grey(&settings.transfer),
             visible: visible.map(S::from_f64),
-            hides_flat: keeps == Keeps::Lit && transfer.visible_below(0.0) != transfer.visible(),
+            hides_flat: keeps == VoxelData::Lit && transfer.visible_below(0.0) != transfer.visible(),
             step_mm: S::from_f64(camera.step_mm()),
             pitch_mm: spacing.to_array().map(S::from_f64),
             to_light: along(to_light),
@@ -161,9 +161,9 @@ impl<S: Real> Shader<S> {
         let [px, py, pz] = self.pitch_mm;
         let slope = [gradient(centre, around[0], px), gradient(centre, around[1], py), gradient(centre, around[2], pz)];
         let kept = match self.keeps {
-            Keeps::Lit => return self.light(visible, value, slope, at),
-            Keeps::Intensity => [value; C],
-            Keeps::SampleClassifier => first([value, slope[0], slope[1], slope[2]]),
+            VoxelData::Lit => return self.light(visible, value, slope, at),
+            VoxelData::Intensity => [value; C],
+            VoxelData::SampleClassifier => first([value, slope[0], slope[1], slope[2]]),
         };
         let mut lit = Lit { colour: kept, alpha: T::select(visible, T::one(), T::zero()) };
         for colour in &mut lit.colour {

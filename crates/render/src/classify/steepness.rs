@@ -11,7 +11,7 @@ use simd::wide::{Set, Wide};
 use volume::brick::{EDGE, VOXELS};
 
 use crate::real::Number;
-use crate::shown::{Brick, FACES};
+use crate::snapshot::{Brick, FACES};
 
 /// Intensities and weights for which a gradient is accurate to [`ROUNDING`]: its formula
 /// multiplies them, and divides by the weights.

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use crate::classify::shade::Lit;
 use crate::rays::cast::fold_block;
-use crate::rays::composite::{Fold, Through};
+use crate::rays::composite::{Accumulated, Fold};
 use crate::rays::line::Line;
 use crate::settings::Cache;
 use crate::voxels::Sampler;
@@ -24,7 +24,7 @@ pub(crate) struct RowCache<const C: usize> {
     samples: Vec<Lit<f32, C>>,
     samples_of: Vec<usize>,
     /// The composited blocks of each ray; and the start index of each ray.
-    blocks: Vec<Through<C>>,
+    blocks: Vec<Accumulated<C>>,
     /// The stale samples of each block.
     stale: Vec<Stale>,
     blocks_of: Vec<usize>,
@@ -66,7 +66,7 @@ pub(crate) fn bytes<const C: usize>(kind: Cache, lines: &[Line], fold: Fold) -> 
     let samples: u64 = lines.iter().map(|l| u64::from(l.end - l.first)).sum();
     let blocks: u64 = lines.iter().map(|l| blocks_of(l, fold).1 as u64).sum();
     let of_samples = samples * size_of::<Lit<f32, C>>() as u64;
-    let (of_blocks, stale) = (blocks * size_of::<Through<C>>() as u64, blocks * size_of::<Stale>() as u64);
+    let (of_blocks, stale) = (blocks * size_of::<Accumulated<C>>() as u64, blocks * size_of::<Stale>() as u64);
     match kind {
         Cache::None => 0,
         Cache::Linear => of_samples + stale,
@@ -94,7 +94,7 @@ impl<const C: usize> RowCache<C> {
         let [samples, blocks, stale] = cache.lay_out(kind, lines, fold);
         // The system allocates zeroed memory only on the first write.
         cache.samples = vec![Self::TRANSPARENT; samples];
-        cache.blocks = vec![Through::CLEAR; blocks];
+        cache.blocks = vec![Accumulated::CLEAR; blocks];
         cache.stale = vec![Stale::NONE; stale];
         cache
     }
@@ -103,10 +103,10 @@ impl<const C: usize> RowCache<C> {
 
     /// Lays the cache out for other rays in the same memory. The caller must mark all samples as
     /// changed, because the content belongs to the old rays.
-    pub(crate) fn again(&mut self, kind: Cache, lines: &[Line], fold: Fold) {
+    pub(crate) fn reset(&mut self, kind: Cache, lines: &[Line], fold: Fold) {
         let [samples, blocks, stale] = self.lay_out(kind, lines, fold);
         self.samples.resize(samples, Self::TRANSPARENT);
-        self.blocks.resize(blocks, Through::CLEAR);
+        self.blocks.resize(blocks, Accumulated::CLEAR);
         self.stale.clear();
         self.stale.resize(stale, Stale::NONE);
     }
@@ -140,7 +140,7 @@ impl<const C: usize> RowCache<C> {
     }
 
     /// Returns the composited blocks, if they are kept.
-    pub(crate) fn blocks(&self) -> &[Through<C>] {
+    pub(crate) fn blocks(&self) -> &[Accumulated<C>] {
         &self.blocks
     }
 
@@ -161,7 +161,7 @@ impl<const C: usize> RowCache<C> {
         sampler: Sampler<'_, C>,
         fold: Fold,
         work: &mut RenderWork,
-    ) -> Through<C> {
+    ) -> Accumulated<C> {
         if self.kind == Cache::None {
             return sampler.cast(line, fold, work);
         }
@@ -181,7 +181,7 @@ impl<const C: usize> RowCache<C> {
             true => &mut self.samples[self.samples_of[at]..][..(line.end - line.first) as usize],
             false => &mut [],
         };
-        let mut all = Through::CLEAR;
+        let mut all = Accumulated::CLEAR;
         let mut k = line.first;
         for (number, stale) in stale.iter_mut().enumerate() {
             let end = fold.block_end(k).min(line.end);
@@ -198,8 +198,10 @@ impl<const C: usize> RowCache<C> {
             }
             let block = match (changed, self.kind) {
                 (None, Cache::TwoLevel | Cache::OneLevel) => blocks[number],
-                (_, Cache::OneLevel) => sampler.block(line, [k, end], fold.law, work).unwrap_or(Through::CLEAR),
-                _ => fold_block(&samples[(k - line.first) as usize..(end - line.first) as usize], fold.law),
+                (_, Cache::OneLevel) => {
+                    sampler.block(line, [k, end], fold.composite_mode, work).unwrap_or(Accumulated::CLEAR)
+                }
+                _ => fold_block(&samples[(k - line.first) as usize..(end - line.first) as usize], fold.composite_mode),
             };
             if changed.is_some()
                 && let Some(kept) = blocks.get_mut(number)

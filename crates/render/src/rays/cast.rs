@@ -9,7 +9,7 @@
 //! transparent sample changes no bit and can be skipped.
 
 use crate::classify::shade::Lit;
-use crate::rays::composite::{CompositeMode, Fold, Through};
+use crate::rays::composite::{Accumulated, CompositeMode, Fold};
 use crate::rays::line::Line;
 use crate::rays::run::{RUN, Run};
 use crate::voxels::Sampler;
@@ -18,12 +18,12 @@ use crate::work::RenderWork;
 impl<const C: usize> Sampler<'_, C> {
     /// Composites the samples of a line.
     #[inline(always)]
-    pub(crate) fn cast(&self, line: &Line, fold: Fold, work: &mut RenderWork) -> Through<C> {
-        let mut all = Through::CLEAR;
+    pub(crate) fn cast(&self, line: &Line, fold: Fold, work: &mut RenderWork) -> Accumulated<C> {
+        let mut all = Accumulated::CLEAR;
         let mut k = line.first;
         while k < line.end {
             let end = fold.block_end(k).min(line.end);
-            let block = self.block(line, [k, end], fold.law, work);
+            let block = self.block(line, [k, end], fold.composite_mode, work);
             if let Some(block) = block
                 && all.ends_behind(&block, fold, work)
             {
@@ -40,19 +40,19 @@ impl<const C: usize> Sampler<'_, C> {
         &self,
         line: &Line,
         [from, to]: [u32; 2],
-        law: CompositeMode,
+        composite_mode: CompositeMode,
         work: &mut RenderWork,
-    ) -> Option<Through<C>> {
+    ) -> Option<Accumulated<C>> {
         let mut block = None;
         let mut run = Run::new();
         let mut k = from;
         while k < to {
             let n = (to - k).min(RUN);
             if self.run(line, k, n, &mut run, work) {
-                let block = block.get_or_insert(Through::CLEAR);
+                let block = block.get_or_insert(Accumulated::CLEAR);
                 for i in 0..n as usize {
                     let Lit { colour, alpha } = run.sample(i);
-                    law.add(block, colour, alpha);
+                    composite_mode.add(block, colour, alpha);
                 }
             }
             k += n;
@@ -82,10 +82,10 @@ impl<const C: usize> Sampler<'_, C> {
 
 /// Composites the kept samples of a block.
 #[inline(always)]
-pub(crate) fn fold_block<const C: usize>(kept: &[Lit<f32, C>], law: CompositeMode) -> Through<C> {
-    let mut block = Through::CLEAR;
+pub(crate) fn fold_block<const C: usize>(kept: &[Lit<f32, C>], composite_mode: CompositeMode) -> Accumulated<C> {
+    let mut block = Accumulated::CLEAR;
     for Lit { colour, alpha } in kept {
-        law.add(&mut block, *colour, *alpha);
+        composite_mode.add(&mut block, *colour, *alpha);
     }
     block
 }

@@ -7,12 +7,12 @@ use crate::work::RenderWork;
 
 /// Composited samples: premultiplied colour, and the transmittance to whatever lies behind.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Through<const C: usize> {
+pub(crate) struct Accumulated<const C: usize> {
     pub(crate) colour: [f32; C],
     pub(crate) transmittance: f32,
 }
 
-impl<const C: usize> Through<C> {
+impl<const C: usize> Accumulated<C> {
     /// No samples.
     pub(crate) const CLEAR: Self = Self { colour: [0.0; C], transmittance: 1.0 };
 
@@ -28,9 +28,9 @@ impl<const C: usize> Through<C> {
     /// Adds a block behind; returns whether the ray ends with it.
     #[inline(always)]
     pub(crate) fn ends_behind(&mut self, block: &Self, fold: Fold, work: &mut RenderWork) -> bool {
-        fold.law.join(self, block);
+        fold.composite_mode.join(self, block);
         work.blocks_folded += 1;
-        fold.law.ends(self, fold.stop)
+        fold.composite_mode.ends(self, fold.stop)
     }
 
     /// Adds a block behind.
@@ -68,7 +68,7 @@ pub(crate) enum CompositeMode {
 impl CompositeMode {
     /// Adds a sample behind.
     #[inline(always)]
-    pub(crate) fn add<const C: usize>(self, front: &mut Through<C>, colour: [f32; C], alpha: f32) {
+    pub(crate) fn add<const C: usize>(self, front: &mut Accumulated<C>, colour: [f32; C], alpha: f32) {
         match self {
             Self::Over => front.add(colour, alpha),
             Self::Thin => {
@@ -91,7 +91,7 @@ impl CompositeMode {
 
     /// Adds a block behind.
     #[inline(always)]
-    pub(crate) fn join<const C: usize>(self, front: &mut Through<C>, block: &Through<C>) {
+    pub(crate) fn join<const C: usize>(self, front: &mut Accumulated<C>, block: &Accumulated<C>) {
         match self {
             Self::Over => front.join(block),
             Self::Thin => {
@@ -111,7 +111,7 @@ impl CompositeMode {
     /// Returns whether samples further behind make no difference, or too little: the
     /// transmittance is below `stop`.
     #[inline(always)]
-    pub(crate) fn ends<const C: usize>(self, front: &Through<C>, stop: f32) -> bool {
+    pub(crate) fn ends<const C: usize>(self, front: &Accumulated<C>, stop: f32) -> bool {
         match self {
             Self::Over => front.transmittance < stop,
             Self::Thin => false,
@@ -126,7 +126,7 @@ pub(crate) struct Fold {
     /// Samples of a block.
     pub(crate) arity: u32,
     /// The composite mode.
-    pub(crate) law: CompositeMode,
+    pub(crate) composite_mode: CompositeMode,
     /// The ray ends at the end of a block if the transmittance is below this.
     pub(crate) stop: f32,
 }
@@ -141,7 +141,7 @@ impl Fold {
 
 /// Keeps the larger one; anything is larger than nothing.
 #[inline(always)]
-fn larger<const C: usize>(front: &mut Through<C>, value: &[f32; C]) {
+fn larger<const C: usize>(front: &mut Accumulated<C>, value: &[f32; C]) {
     if front.transmittance >= 1.0 || value[0] > front.colour[0] {
         front.colour = *value;
         front.transmittance = 0.0;
@@ -152,11 +152,11 @@ fn larger<const C: usize>(front: &mut Through<C>, value: &[f32; C]) {
 mod tests {
     use super::*;
 
-    const LAWS: [CompositeMode; 3] = [CompositeMode::Over, CompositeMode::Thin, CompositeMode::Most { top: 255.0 }];
+    const MODES: [CompositeMode; 3] = [CompositeMode::Over, CompositeMode::Thin, CompositeMode::Most { top: 255.0 }];
 
-    fn folded(law: CompositeMode, samples: &[(f32, f32)]) -> Through<1> {
-        let mut all = Through::CLEAR;
-        samples.iter().for_each(|(c, alpha)| law.add(&mut all, [*c], *alpha));
+    fn folded(composite_mode: CompositeMode, samples: &[(f32, f32)]) -> Accumulated<1> {
+        let mut all = Accumulated::CLEAR;
+        samples.iter().for_each(|(c, alpha)| composite_mode.add(&mut all, [*c], *alpha));
         all
     }
 
@@ -168,33 +168,33 @@ mod tests {
                 (alpha * f32::from(i * 13 % 17), alpha)
             })
             .collect();
-        for law in LAWS {
-            let whole = folded(law, &samples);
+        for composite_mode in MODES {
+            let whole = folded(composite_mode, &samples);
             for arity in [1, 4, 7, 59] {
-                let mut all = Through::CLEAR;
-                samples.chunks(arity).for_each(|block| law.join(&mut all, &folded(law, block)));
+                let mut all = Accumulated::CLEAR;
+                samples.chunks(arity).for_each(|block| composite_mode.join(&mut all, &folded(composite_mode, block)));
                 let off = (all.colour[0] - whole.colour[0]).abs().max((all.transmittance - whole.transmittance).abs());
-                assert!(off < 1e-3, "{law:?} in {arity}s: {all:?}, not {whole:?}");
+                assert!(off < 1e-3, "{composite_mode:?} in {arity}s: {all:?}, not {whole:?}");
             }
             let mut same = whole;
-            law.join(&mut same, &Through::CLEAR);
-            let mut behind_nothing = Through::CLEAR;
-            law.join(&mut behind_nothing, &whole);
-            assert!(same.same_bits(&whole), "{law:?}");
-            assert!((behind_nothing.transmittance - whole.transmittance).abs() < 1e-5, "{law:?}");
+            composite_mode.join(&mut same, &Accumulated::CLEAR);
+            let mut behind_nothing = Accumulated::CLEAR;
+            composite_mode.join(&mut behind_nothing, &whole);
+            assert!(same.same_bits(&whole), "{composite_mode:?}");
+            assert!((behind_nothing.transmittance - whole.transmittance).abs() < 1e-5, "{composite_mode:?}");
         }
     }
 
     #[test]
     fn maximum_uses_seen_samples_and_allows_negative() {
-        let most = LAWS[2];
+        let most = MODES[2];
         assert_eq!(
             folded(most, &[(-6.0, 1.0), (-3.0, 0.75), (90.0, 0.4)]),
-            Through { colour: [-4.0], transmittance: 0.0 }
+            Accumulated { colour: [-4.0], transmittance: 0.0 }
         );
-        assert_eq!(folded(most, &[(90.0, 0.4), (0.0, 0.0)]), Through::CLEAR);
+        assert_eq!(folded(most, &[(90.0, 0.4), (0.0, 0.0)]), Accumulated::CLEAR);
         assert!(most.ends(&folded(most, &[(255.0, 1.0)]), 0.0) && !most.ends(&folded(most, &[(254.0, 1.0)]), 1.0));
-        assert!(!most.ends(&Through::<1>::CLEAR, 1.0));
+        assert!(!most.ends(&Accumulated::<1>::CLEAR, 1.0));
     }
 
     #[test]
@@ -202,7 +202,7 @@ mod tests {
         let (samples, thin) = ([(30.0, 0.5), (200.0, 1.0), (90.0, 0.75)], 1e-4);
         let faint = samples.map(|(c, alpha)| (c * thin, alpha * thin));
         let (mean, over) = (folded(CompositeMode::Thin, &samples), folded(CompositeMode::Over, &faint));
-        assert_eq!(mean, Through { colour: [320.0], transmittance: -1.25 });
+        assert_eq!(mean, Accumulated { colour: [320.0], transmittance: -1.25 });
         assert!((mean.colour[0] - over.colour[0] / thin).abs() < 0.1);
         assert!(((1.0 - mean.transmittance) - (1.0 - over.transmittance) / thin).abs() < 2e-3);
     }

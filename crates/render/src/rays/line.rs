@@ -22,6 +22,7 @@ impl Line {
     }
 
     /// Returns the region coordinates of a sample.
+    #[inline(always)]
     pub(crate) fn at(&self, k: u32) -> [f32; 3] {
         // Exact: there are fewer than 2¹⁶ samples.
         let k = k as f32;

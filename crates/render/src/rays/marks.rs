@@ -19,7 +19,7 @@ const BOXES_TO_ONE: i64 = 8;
 
 /// Boxes of changed voxels and the body around them, as seen by the rays of one view.
 pub(crate) struct Marks {
-    pencil: ViewRays,
+    rays: ViewRays,
     /// Samples behind a place that depend on it.
     reach: u32,
     footprints: Vec<Footprint>,
@@ -38,7 +38,7 @@ impl Marks {
     pub(crate) fn new(camera: &Camera, reach: u32) -> Self {
         let begins = vec![0; camera.size()[1] as usize + 1];
         Self {
-            pencil: ViewRays::new(camera),
+            rays: ViewRays::new(camera),
             reach,
             footprints: Vec::new(),
             of_rows: Vec::new(),
@@ -50,9 +50,9 @@ impl Marks {
 
     /// Sets the boxes, all of which lie in a slab if one is given; region coordinates.
     pub(crate) fn set(&mut self, dirty: &[Dirty], within: Option<&[Faces; 3]>) {
-        let Self { pencil, footprints, of_rows, begins, .. } = self;
+        let Self { rays, footprints, of_rows, begins, .. } = self;
         footprints.clear();
-        footprints.extend(dirty.iter().filter_map(|d| Footprint::new(d, pencil)));
+        footprints.extend(dirty.iter().filter_map(|d| Footprint::new(d, rays)));
         // Counting sort, filled from the end.
         begins.fill(0);
         for Footprint { rows: [first, last], .. } in footprints.iter() {
@@ -75,7 +75,7 @@ impl Marks {
             low: std::array::from_fn(|axis| a.low[axis].min(b.low[axis])),
             high: std::array::from_fn(|axis| a.high[axis].max(b.high[axis])),
         });
-        self.around = around.map(|around| Body::around(&around, within, pencil));
+        self.around = around.map(|around| Body::around(&around, within, rays));
         self.boxes_to_one = if within.is_some() { 1 } else { BOXES_TO_ONE };
     }
 
@@ -100,14 +100,14 @@ impl Marks {
         if of_boxes == 0 {
             return pixels;
         }
-        let mut note = Note { pencil: &self.pencil, reach: self.reach, lines, noted, pixels: &mut pixels, work };
+        let mut note = Note { rays: &self.rays, reach: self.reach, lines, noted, pixels: &mut pixels, work };
         if let Some(around) = &self.around {
             let row = around.row(j);
             let [first, last] = row.columns(range);
             if (last - first + 1) * self.boxes_to_one <= of_boxes {
                 for i in first..=last {
                     // Not negative: within the range.
-                    note.pixel(i as u32, row.samples(note.pencil, i as u32));
+                    note.pixel(i as u32, row.samples(note.rays, i as u32));
                 }
                 return pixels;
             }
@@ -116,7 +116,7 @@ impl Marks {
             let footprint = &self.footprints[*number as usize];
             let row = footprint.row(j);
             for i in footprint.columns[0]..=footprint.columns[1] {
-                note.pixel(i, row.samples(note.pencil, i));
+                note.pixel(i, row.samples(note.rays, i));
             }
         }
         pixels
@@ -125,7 +125,7 @@ impl Marks {
 
 /// Target of the noted samples.
 struct Note<'a> {
-    pencil: &'a ViewRays,
+    rays: &'a ViewRays,
     reach: u32,
     lines: &'a [Line],
     noted: &'a mut [[u32; 2]],

@@ -6,7 +6,7 @@ use simd::{Fused, Simd};
 
 use crate::camera::Camera;
 use crate::rays::cache::{self, RowCache};
-use crate::rays::composite::{Fold, Through};
+use crate::rays::composite::{Accumulated, Fold};
 use crate::rays::line::Line;
 use crate::rays::marks::Marks;
 use crate::region::RenderRegion;
@@ -15,7 +15,7 @@ use crate::voxels::Sampler;
 use crate::work::RenderWork;
 
 /// Job that renders a pixel of a row again.
-struct Again<'a, const C: usize> {
+struct CastPixel<'a, const C: usize> {
     row: &'a mut Row<C>,
     at: usize,
     samples: [u32; 2],
@@ -40,18 +40,18 @@ impl<const C: usize> Fused for Marking<'_, C> {
     }
 }
 
-impl<const C: usize> Fused for Again<'_, C> {
+impl<const C: usize> Fused for CastPixel<'_, C> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        self.row.again(self.at, self.samples, self.sampler, self.fold);
+        self.row.cast_pixel(self.at, self.samples, self.sampler, self.fold);
     }
 }
 
 /// A row of pixels, and the data kept of their rays.
 pub(crate) struct Row<const C: usize> {
-    pub(crate) pixels: Vec<Through<C>>,
+    pub(crate) pixels: Vec<Accumulated<C>>,
     lines: Vec<Line>,
     cache: RowCache<C>,
     /// Samples of each pixel's ray that may have changed.
@@ -61,27 +61,27 @@ pub(crate) struct Row<const C: usize> {
 
 impl<const C: usize> Row<C> {
     /// Creates row `j`, transparent.
-    pub(crate) fn new(camera: &Camera, stage: &RenderRegion, j: u32) -> Self {
+    pub(crate) fn new(camera: &Camera, region: &RenderRegion, j: u32) -> Self {
         let n = camera.size()[0] as usize;
         let mut row = Self {
-            pixels: vec![Through::CLEAR; n],
+            pixels: vec![Accumulated::CLEAR; n],
             lines: Vec::with_capacity(n),
             cache: RowCache::none(),
             dirty: Vec::with_capacity(n),
             work: RenderWork::default(),
         };
-        row.turn(camera, stage, j);
+        row.turn(camera, region, j);
         row
     }
 
     /// Sets the row up for another view, transparent. The cache memory stays until
-    /// [`Self::keep_again`] lays it out again.
-    pub(crate) fn turn(&mut self, camera: &Camera, stage: &RenderRegion, j: u32) {
+    /// [`Self::reset_cache`] lays it out again.
+    pub(crate) fn turn(&mut self, camera: &Camera, region: &RenderRegion, j: u32) {
         let [width, _] = camera.size();
-        let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
+        let [low, high] = region.bounds().map(|at| std::array::from_fn(|a| at[a] - region.first()[a]));
         self.lines.clear();
         self.lines.extend((0..width).map(|i| Line::new(&camera.ray(i, j), low, high, camera.samples())));
-        self.pixels.fill(Through::CLEAR);
+        self.pixels.fill(Accumulated::CLEAR);
         self.dirty.clear();
         self.dirty.resize(self.lines.len(), [u32::MAX, 0]);
     }
@@ -98,8 +98,8 @@ impl<const C: usize> Row<C> {
 
     /// Starts to use a cache in the memory of another view's cache; none of its rays has been
     /// cast.
-    pub(crate) fn keep_again(&mut self, cache: Cache, fold: Fold) {
-        self.cache.again(cache, &self.lines, fold);
+    pub(crate) fn reset_cache(&mut self, cache: Cache, fold: Fold) {
+        self.cache.reset(cache, &self.lines, fold);
         self.mark_all();
     }
 
@@ -117,12 +117,12 @@ impl<const C: usize> Row<C> {
 
     /// Returns the composited blocks, if they are kept. Blocks behind the end of a ray may be
     /// out of date.
-    pub(crate) fn kept(&self) -> &[Through<C>] {
+    pub(crate) fn kept(&self) -> &[Accumulated<C>] {
         self.cache.blocks()
     }
 
     pub(crate) fn bytes(&self) -> u64 {
-        let each = size_of::<Line>() + size_of::<Through<C>>() + size_of::<[u32; 2]>();
+        let each = size_of::<Line>() + size_of::<Accumulated<C>>() + size_of::<[u32; 2]>();
         self.cache.bytes() + (self.lines.len() * each) as u64
     }
 
@@ -145,13 +145,13 @@ impl<const C: usize> Row<C> {
     pub(crate) fn cast(&mut self, at: usize, sampler: Sampler<'_, C>, fold: Fold, simd: Simd) {
         let [from, to] = std::mem::replace(&mut self.dirty[at], [u32::MAX, 0]);
         if from < to {
-            simd.fused(Again { row: self, at, samples: [from, to], sampler, fold });
+            simd.fused(CastPixel { row: self, at, samples: [from, to], sampler, fold });
         }
     }
 
     /// Renders a pixel again; `samples` may have changed.
     #[inline(always)]
-    fn again(&mut self, at: usize, samples: [u32; 2], sampler: Sampler<'_, C>, fold: Fold) {
+    fn cast_pixel(&mut self, at: usize, samples: [u32; 2], sampler: Sampler<'_, C>, fold: Fold) {
         let pixel = self.cache.pixel(at, &self.lines[at], samples, sampler, fold, &mut self.work);
         self.work.rays += 1;
         self.work.pixels_changed += u64::from(!pixel.same_bits(&self.pixels[at]));

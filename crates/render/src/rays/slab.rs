@@ -36,7 +36,7 @@ pub(crate) struct ViewRays {
     down: DVec3,
     forward: DVec3,
     /// Maps to (i, j, k), or (i·s, j·s, s).
-    pixel_from_stage: DMat3,
+    pixel_from_region: DMat3,
     size: [u32; 2],
     /// Offset of pixel (0, 0) from the view's axis, pixels.
     corner: [f64; 2],
@@ -53,7 +53,7 @@ impl ViewRays {
             right,
             down,
             forward,
-            pixel_from_stage: DMat3::from_cols(right, down, forward).inverse(),
+            pixel_from_region: DMat3::from_cols(right, down, forward).inverse(),
             size,
             corner: size.map(|n| 0.5 * (1.0 - f64::from(n))),
             step_mm: camera.step_mm(),
@@ -69,7 +69,7 @@ impl ViewRays {
             for corner in 0..8_usize {
                 let at =
                     DVec3::from_array(std::array::from_fn(|a| if corner >> a & 1 == 0 { low[a] } else { high[a] }));
-                let seen = self.pixel_from_stage * (at - self.origin);
+                let seen = self.pixel_from_region * (at - self.origin);
                 for a in 0..2 {
                     let [from, to] = match seen.z > 1e-6 {
                         true => [seen[a] / seen.z; 2],
@@ -79,10 +79,10 @@ impl ViewRays {
                 }
             }
         } else {
-            let centre = self.pixel_from_stage * (0.5 * (low + high) - self.origin);
+            let centre = self.pixel_from_region * (0.5 * (low + high) - self.origin);
             let half = 0.5 * (high - low);
             for a in 0..2 {
-                let reach = self.pixel_from_stage.row(a).abs().dot(half);
+                let reach = self.pixel_from_region.row(a).abs().dot(half);
                 (least[a], most[a]) = (centre[a] - reach, centre[a] + reach);
             }
         }
@@ -109,15 +109,15 @@ pub(crate) struct Body<const N: usize> {
 
 impl<const N: usize> Body<N> {
     /// Creates the body between some pairs of planes, at most N / 2.
-    pub(crate) fn new(pencil: &ViewRays, pairs: &[Faces]) -> Self {
+    pub(crate) fn new(rays: &ViewRays, pairs: &[Faces]) -> Self {
         let (mut above, mut below, mut beside) = ([[0.0; 3]; N], [[0.0; 3]; N], [[0.0; 3]; N]);
         let mut counts = [0; 3];
         for pair in pairs {
             for (normal, most) in [(pair.normal, pair.high), (-pair.normal, -pair.low)] {
                 // Along a ray: slope·parameter ≤ rest, which is affine in the pixel.
-                let steps = [pencil.forward, pencil.right, pencil.down].map(|v| normal.dot(v));
-                let room = most - normal.dot(pencil.origin);
-                let (slope, rest) = match pencil.perspective {
+                let steps = [rays.forward, rays.right, rays.down].map(|v| normal.dot(v));
+                let room = most - normal.dot(rays.origin);
+                let (slope, rest) = match rays.perspective {
                     None => (steps[0], [room, -steps[1], -steps[2]]),
                     Some(_) => (-room, steps.map(|x| -x)),
                 };
@@ -187,7 +187,7 @@ impl<const N: usize> BodyRow<N> {
     /// Returns the first and last place of a pixel's ray in the body, in samples; none if the
     /// last is smaller.
     #[inline(always)]
-    pub(crate) fn samples(&self, pencil: &ViewRays, i: u32) -> [f64; 2] {
+    pub(crate) fn samples(&self, rays: &ViewRays, i: u32) -> [f64; 2] {
         let i = f64::from(i);
         let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
         for [base, step] in &self.planes[..self.above] {
@@ -201,15 +201,15 @@ impl<const N: usize> BodyRow<N> {
                 return [1.0, 0.0];
             }
         }
-        let Some([pixel, near_mm]) = pencil.perspective else { return [from, to] };
+        let Some([pixel, near_mm]) = rays.perspective else { return [from, to] };
         // The parameter is the inverse distance, so nearer places have larger values.
         if to <= 0.0 || from > to {
             return [1.0, 0.0];
         }
-        let (x, y) = ((pencil.corner[0] + i) * pixel, (pencil.corner[1] + self.j) * pixel);
+        let (x, y) = ((rays.corner[0] + i) * pixel, (rays.corner[1] + self.j) * pixel);
         let length = (1.0 + x * x + y * y).sqrt();
-        let near = (length / to - near_mm) / pencil.step_mm;
-        let far = if from > 0.0 { (length / from - near_mm) / pencil.step_mm } else { f64::INFINITY };
+        let near = (length / to - near_mm) / rays.step_mm;
+        let far = if from > 0.0 { (length / from - near_mm) / rays.step_mm } else { f64::INFINITY };
         [near, far]
     }
 }
@@ -263,11 +263,11 @@ pub(crate) struct Footprint {
 
 impl Footprint {
     /// Returns `None` if it is not in the picture.
-    pub(crate) fn new(dirty: &Dirty, pencil: &ViewRays) -> Option<Self> {
+    pub(crate) fn new(dirty: &Dirty, rays: &ViewRays) -> Option<Self> {
         let pairs = faces(dirty);
         let [low, high] = [pairs.map(|f| f.low), pairs.map(|f| f.high)].map(DVec3::from_array);
-        let [columns, rows] = pencil.pixels(low, high)?;
-        Some(Self { body: Body::new(pencil, &pairs), columns, rows })
+        let [columns, rows] = rays.pixels(low, high)?;
+        Some(Self { body: Body::new(rays, &pairs), columns, rows })
     }
 
     #[inline(always)]
@@ -279,11 +279,11 @@ impl Footprint {
 impl Body<12> {
     /// Creates the body that holds all changed voxels, from their box and, if known, the slab of
     /// the slice that changed them.
-    pub(crate) fn around(dirty: &Dirty, slab: Option<&[Faces; 3]>, pencil: &ViewRays) -> Self {
+    pub(crate) fn around(dirty: &Dirty, slab: Option<&[Faces; 3]>, rays: &ViewRays) -> Self {
         let [x, y, z] = faces(dirty);
         match slab.map(|faces| faces.map(reached)) {
-            None => Self::new(pencil, &[x, y, z]),
-            Some([u, v, n]) => Self::new(pencil, &[u, v, n, x, y, z]),
+            None => Self::new(rays, &[x, y, z]),
+            Some([u, v, n]) => Self::new(rays, &[u, v, n, x, y, z]),
         }
     }
 }

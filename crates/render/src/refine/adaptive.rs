@@ -16,7 +16,7 @@
 use simd::Simd;
 use simd::sharing::Sharing;
 
-use crate::rays::composite::{Fold, Through};
+use crate::rays::composite::{Accumulated, Fold};
 use crate::rays::rows::Row;
 use crate::voxels::Sampler;
 use crate::work::RenderWork;
@@ -93,9 +93,9 @@ pub(crate) struct Regions<const C: usize> {
     epsilon: f32,
     regions: Vec<Region>,
     /// The picture.
-    pub(crate) seen: Vec<Through<C>>,
+    pub(crate) seen: Vec<Accumulated<C>>,
     /// Rays to be cast in the next pass, a bit each, row by row.
-    wanted: Vec<u64>,
+    due: Vec<u64>,
     words: usize,
     /// Cells to be cast and tested, by region.
     cells: Vec<(usize, Cell)>,
@@ -115,8 +115,8 @@ impl<const C: usize> Regions<C> {
             count,
             epsilon,
             regions: vec![Region::default(); count[0] * count[1]],
-            seen: vec![Through::CLEAR; size[0] * size[1]],
-            wanted: vec![0; words * size[1]],
+            seen: vec![Accumulated::CLEAR; size[0] * size[1]],
+            due: vec![0; words * size[1]],
             words,
             cells: Vec::new(),
             stale: vec![false; count[0] * count[1]],
@@ -183,7 +183,7 @@ impl<const C: usize> Regions<C> {
     /// Evaluates the regions in `which` again, each to its given depth (1 to [`DEPTHS`]). Casts
     /// those of their rays that have changed and draws the result. The rows that hold rays of
     /// these regions must be ready; `small` returns whether something small may lie in a region.
-    pub(crate) fn look(
+    pub(crate) fn evaluate(
         &mut self,
         which: &[(usize, usize)],
         small: impl Fn(usize) -> bool,
@@ -213,8 +213,8 @@ impl<const C: usize> Regions<C> {
                 at += 1;
             }
             self.cast(range.clone(), rows, casting);
-            let judged = std::mem::take(&mut self.cells);
-            for (region, cell) in judged {
+            let tested = std::mem::take(&mut self.cells);
+            for (region, cell) in tested {
                 let is_split = cell.depth + 1 < DEPTHS && self.regions[region].split & cell.bit() != 0;
                 if !is_split && self.may_split(region, cell) && self.range(region, cell, rows) > self.epsilon {
                     self.split(region, cell);
@@ -272,12 +272,11 @@ impl<const C: usize> Regions<C> {
                 let ray = rays.trailing_zeros() as usize;
                 rays &= rays - 1;
                 let [i, j] = [x + ray % SIDE, y + ray / SIDE];
-                self.wanted[j * self.words + i / 64] |= 1 << (i % 64);
+                self.due[j * self.words + i / 64] |= 1 << (i % 64);
             }
         }
         let Casting { sampler, fold, simd, sharing } = casting;
-        let mut words: Vec<&mut [u64]> =
-            self.wanted.chunks_mut(self.words).skip(range.start).take(range.len()).collect();
+        let mut words: Vec<&mut [u64]> = self.due.chunks_mut(self.words).skip(range.start).take(range.len()).collect();
         sharing.chunks_beside(&mut rows[range], 1, &mut words, |words, _, rows| {
             for (place, word) in words.iter_mut().enumerate() {
                 let mut left = std::mem::take(word);
@@ -291,7 +290,7 @@ impl<const C: usize> Regions<C> {
     }
 
     /// Returns the pixels at the corners of a cell: upper left and right, lower left and right.
-    fn pixels(&self, region: usize, cell: Cell, rows: &[Row<C>]) -> [Through<C>; 4] {
+    fn pixels(&self, region: usize, cell: Cell, rows: &[Row<C>]) -> [Accumulated<C>; 4] {
         let size = self.extent(region);
         let [x, y] = self.place(region).map(|at| at * REGION);
         let ([x0, x1], [y0, y1]) = (cell.span(0, size[0]), cell.span(1, size[1]));
@@ -301,8 +300,8 @@ impl<const C: usize> Regions<C> {
     /// Returns the ray in the middle of a whole region that may be split. A peak, or an arc
     /// between the corners, shows there first.
     fn middle(&self, region: usize, cell: Cell) -> Option<[usize; 2]> {
-        let judged = cell.depth == 0 && self.regions[region].depths > 1 && self.epsilon > 0.0;
-        judged.then(|| self.extent(region).map(|size| size.min(REGION / 2)))
+        let tested = cell.depth == 0 && self.regions[region].depths > 1 && self.epsilon > 0.0;
+        tested.then(|| self.extent(region).map(|size| size.min(REGION / 2)))
     }
 
     /// Returns the largest difference between a cell's corners, and its middle if any, over
@@ -366,7 +365,7 @@ impl<const C: usize> Regions<C> {
         })
     }
 
-    fn draw_row(&self, j: usize, rows: &[Row<C>], seen: &mut [Through<C>], work: &mut RenderWork) {
+    fn draw_row(&self, j: usize, rows: &[Row<C>], seen: &mut [Accumulated<C>], work: &mut RenderWork) {
         let row = (j / REGION).min(self.count[1] - 1);
         let y = j - row * REGION;
         for column in 0..self.count[0] {
@@ -397,17 +396,17 @@ impl<const C: usize> Regions<C> {
     }
 
     pub(crate) fn bytes(&self) -> u64 {
-        (size_of_val(&*self.regions) + size_of_val(&*self.seen) + size_of_val(&*self.wanted)) as u64
+        (size_of_val(&*self.regions) + size_of_val(&*self.seen) + size_of_val(&*self.due)) as u64
     }
 }
 
 /// Interpolates bilinearly between four corners: upper left and right, lower left and right.
-pub(crate) fn bilinear<const C: usize>(corners: [Through<C>; 4], [x, y]: [f32; 2]) -> Through<C> {
+pub(crate) fn bilinear<const C: usize>(corners: [Accumulated<C>; 4], [x, y]: [f32; 2]) -> Accumulated<C> {
     let of = |[a, b, c, d]: [f32; 4]| {
         let (upper, lower) = (a + (b - a) * x, c + (d - c) * x);
         upper + (lower - upper) * y
     };
-    Through {
+    Accumulated {
         colour: std::array::from_fn(|channel| of(corners.map(|pixel| pixel.colour[channel]))),
         transmittance: of(corners.map(|pixel| pixel.transmittance)),
     }

@@ -51,22 +51,22 @@ pub(crate) struct Features {
     /// Lone cells of each pixel region.
     shown: Vec<u32>,
     regions: [usize; 2],
-    asked: Vec<bool>,
-    pencil: ViewRays,
+    queued: Vec<bool>,
+    rays: ViewRays,
 }
 
 impl Features {
     /// Creates the features of an empty render region; `regions` to the right and down.
-    pub(crate) fn new(camera: &Camera, stage: &RenderRegion, epsilon: f32, regions: [usize; 2]) -> Self {
-        let bricks = stage.bricks().map(i64::from);
-        let linear = stage.stage_from_world().matrix3;
+    pub(crate) fn new(camera: &Camera, region: &RenderRegion, epsilon: f32, regions: [usize; 2]) -> Self {
+        let bricks = region.bricks().map(i64::from);
+        let linear = region.region_from_world().matrix3;
         // A pixel is widest at the far end of a perspective view.
         let axes = camera.axes();
-        let far = stage.centre_mm() + axes.forward * stage.radius_mm();
-        let project = |at: DVec3| camera.project(stage.stage_from_world().transform_point3(at)).unwrap_or([0.0; 2]);
+        let far = region.centre_mm() + axes.forward * region.radius_mm();
+        let project = |at: DVec3| camera.project(region.region_from_world().transform_point3(at)).unwrap_or([0.0; 2]);
         let pixels_per_mm = (project(far + axes.right)[0] - project(far)[0]).abs().max(1e-9);
         let half_mm = 0.5 * REGION as f64 / pixels_per_mm;
-        let voxels = half_mm / stage.spacing_mm().min_element();
+        let voxels = half_mm / region.spacing_mm().min_element();
         let edge = if voxels <= 6.0 {
             2
         } else if voxels <= 12.0 {
@@ -76,9 +76,9 @@ impl Features {
         };
         // One cell farther than half a region, because a cell's strongest voxel can lie anywhere
         // in it.
-        let distance_mm = half_mm + edge as f64 * stage.spacing_mm().max_element();
+        let distance_mm = half_mm + edge as f64 * region.spacing_mm().max_element();
         // Nothing lies beyond the render region.
-        let distance_mm = distance_mm.min(3.0 * stage.radius_mm());
+        let distance_mm = distance_mm.min(3.0 * region.radius_mm());
         let cells = |mm: DVec3| linear * mm / edge as f64;
         let depth = cells(axes.forward);
         let deeper = depth / depth.abs().max_element();
@@ -111,8 +111,8 @@ impl Features {
             threshold: (epsilon * STEPS) as u16,
             shown: vec![0; regions[0] * regions[1]],
             regions,
-            asked: vec![false; count],
-            pencil: ViewRays::new(camera),
+            queued: vec![false; count],
+            rays: ViewRays::new(camera),
         }
     }
 
@@ -132,16 +132,16 @@ impl Features {
     ) {
         let mut bricks: Vec<(usize, u64)> = Vec::new();
         for dirty in dirty {
-            self.ask_around(shaded, dirty, &mut bricks);
+            self.update_cells(shaded, dirty, &mut bricks);
         }
-        let judged = &*self;
+        let features = &*self;
         sharing.chunks(&mut bricks, BRICKS_PER_TASK, |_, bricks| {
             for (brick, lone) in bricks {
-                *lone = judged.judge(*brick);
+                *lone = features.lone_cells(*brick);
             }
         });
         for (brick, lone) in bricks {
-            self.asked[brick] = false;
+            self.queued[brick] = false;
             let mut differ = std::mem::replace(&mut self.lone[brick], lone) ^ lone;
             while differ != 0 {
                 let cell = differ.trailing_zeros() as usize;
@@ -173,7 +173,7 @@ impl Features {
 
     /// Recomputes the cells of a box of voxels, and adds the bricks whose lone cells may depend
     /// on them.
-    fn ask_around<const C: usize>(&mut self, shaded: &Shaded<C>, dirty: &Dirty, bricks: &mut Vec<(usize, u64)>) {
+    fn update_cells<const C: usize>(&mut self, shaded: &Shaded<C>, dirty: &Dirty, bricks: &mut Vec<(usize, u64)>) {
         let at = dirty.low.map(|x| x.div_euclid(EDGE as i64));
         let Some(brick) = self.brick_index(at) else { return };
         let filled = shaded.filled(at);
@@ -206,7 +206,7 @@ impl Features {
             for y in from[1]..=to[1] {
                 for x in from[0]..=to[0] {
                     if let Some(brick) = self.brick_index([x, y, z])
-                        && !std::mem::replace(&mut self.asked[brick], true)
+                        && !std::mem::replace(&mut self.queued[brick], true)
                     {
                         bricks.push((brick, 0));
                     }
@@ -216,7 +216,7 @@ impl Features {
     }
 
     /// Returns the lone cells of a brick.
-    fn judge(&self, brick: usize) -> u64 {
+    fn lone_cells(&self, brick: usize) -> u64 {
         let count = self.side * self.side * self.side;
         let cells = &self.cells[brick * count..][..count];
         if cells.iter().all(|strength| *strength <= self.threshold) {
@@ -242,7 +242,7 @@ impl Features {
         let inside = [cell % self.side, cell / self.side % self.side, cell / (self.side * self.side)];
         let low: [i64; 3] = std::array::from_fn(|a| place[a] * EDGE as i64 + (inside[a] * self.edge) as i64);
         let high = low.map(|x| x + self.edge as i64 - 1);
-        let Some(footprint) = Footprint::new(&Dirty { low, high }, &self.pencil) else { return };
+        let Some(footprint) = Footprint::new(&Dirty { low, high }, &self.rays) else { return };
         let [columns, rows] = [footprint.columns, footprint.rows].map(|pixels| pixels.map(|x| x as usize / REGION));
         for y in rows[0]..=rows[1].min(self.regions[1] - 1) {
             for x in columns[0]..=columns[1].min(self.regions[0] - 1) {
@@ -255,7 +255,7 @@ impl Features {
     }
 
     pub(crate) fn bytes(&self) -> u64 {
-        (size_of_val(&*self.cells) + size_of_val(&*self.lone) + size_of_val(&*self.shown) + self.asked.len()) as u64
+        (size_of_val(&*self.cells) + size_of_val(&*self.lone) + size_of_val(&*self.shown) + self.queued.len()) as u64
     }
 }
 

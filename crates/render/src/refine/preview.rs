@@ -15,13 +15,13 @@ use volume::brick::EDGE;
 
 use crate::camera::{Camera, Ray};
 use crate::classify::shade::Shader;
-use crate::rays::composite::{Fold, Through};
+use crate::rays::composite::{Accumulated, Fold};
 use crate::rays::line::Line;
 use crate::rays::slab::Footprint;
 use crate::refine::adaptive::{REGION, bilinear};
 use crate::region::RenderRegion;
 use crate::shaded::Shaded;
-use crate::shown::{FACES, Shown};
+use crate::snapshot::{FACES, VoxelSnapshot};
 use crate::voxels::Sampler;
 use crate::work::RenderWork;
 
@@ -34,7 +34,7 @@ const STRIDE: u32 = 2;
 #[derive(Clone, Copy)]
 pub(crate) struct PreviewInputs<'a, const C: usize> {
     pub(crate) camera: &'a Camera,
-    pub(crate) stage: &'a RenderRegion,
+    pub(crate) region: &'a RenderRegion,
     /// Set if the voxels are not lit for this view.
     pub(crate) unlit: Option<Unlit<'a, C>>,
     pub(crate) sampler: Sampler<'a, C>,
@@ -44,7 +44,7 @@ pub(crate) struct PreviewInputs<'a, const C: usize> {
 /// Voxels that have to be lit first.
 #[derive(Clone, Copy)]
 pub(crate) struct Unlit<'a, const C: usize> {
-    pub(crate) shown: &'a Shown,
+    pub(crate) snapshot: &'a VoxelSnapshot,
     pub(crate) shaded: &'a Shaded<C>,
     pub(crate) shader: &'a Shader<f32>,
 }
@@ -54,7 +54,7 @@ pub(crate) struct Preview<const C: usize> {
     size: [usize; 2],
     spacing: usize,
     count: [usize; 2],
-    nodes: Vec<Through<C>>,
+    nodes: Vec<Accumulated<C>>,
 }
 
 impl<const C: usize> Preview<C> {
@@ -66,7 +66,7 @@ impl<const C: usize> Preview<C> {
             spacing *= 2;
         }
         let count = size.map(|s| (s - 1).div_ceil(spacing) + 1);
-        Self { size, spacing, count, nodes: vec![Through::CLEAR; count[0] * count[1]] }
+        Self { size, spacing, count, nodes: vec![Accumulated::CLEAR; count[0] * count[1]] }
     }
 
     /// Returns the pixels between rays.
@@ -81,7 +81,7 @@ impl<const C: usize> Preview<C> {
     /// Casts the rays that some footprints reach, or all; returns their number.
     pub(crate) fn cast(
         &mut self,
-        sight: PreviewInputs<'_, C>,
+        inputs: PreviewInputs<'_, C>,
         reached: Option<&[Footprint]>,
         simd: Simd,
         sharing: Sharing,
@@ -99,7 +99,7 @@ impl<const C: usize> Preview<C> {
                     (columns[0]..=columns[1]).contains(&i) && (rows[0]..=rows[1]).contains(&j)
                 };
                 if reached.is_none_or(|reached| reached.iter().any(concerns)) {
-                    *node = simd.fused(Look { sight, at: [i, j] });
+                    *node = simd.fused(PreviewRay { inputs, at: [i, j] });
                     *cast += 1;
                 }
             }
@@ -109,7 +109,7 @@ impl<const C: usize> Preview<C> {
     }
 
     /// Draws the whole picture.
-    pub(crate) fn draw(&self, seen: &mut [Through<C>], sharing: Sharing) {
+    pub(crate) fn draw(&self, seen: &mut [Accumulated<C>], sharing: Sharing) {
         // The cell of a pixel along an axis, and the part of it that lies before the pixel.
         let part = |at: usize, axis: usize| {
             let cell = (at / self.spacing).min(self.count[axis].saturating_sub(2));
@@ -132,30 +132,30 @@ impl<const C: usize> Preview<C> {
 }
 
 /// One ray.
-struct Look<'a, const C: usize> {
-    sight: PreviewInputs<'a, C>,
+struct PreviewRay<'a, const C: usize> {
+    inputs: PreviewInputs<'a, C>,
     at: [u32; 2],
 }
 
-impl<const C: usize> Fused for Look<'_, C> {
-    type Output = Through<C>;
+impl<const C: usize> Fused for PreviewRay<'_, C> {
+    type Output = Accumulated<C>;
 
     #[inline(always)]
-    fn run(self) -> Through<C> {
-        let Self { sight: PreviewInputs { camera, stage, unlit, sampler, fold }, at: [i, j] } = self;
+    fn run(self) -> Accumulated<C> {
+        let Self { inputs: PreviewInputs { camera, region, unlit, sampler, fold }, at: [i, j] } = self;
         let ray = camera.ray(i, j);
-        let [low, high] = stage.bounds();
-        let first = stage.first();
+        let [low, high] = region.bounds();
+        let first = region.first();
         let line = Line::new(
             &ray,
             [low[0] - first[0], low[1] - first[1], low[2] - first[2]],
             [high[0] - first[0], high[1] - first[1], high[2] - first[2]],
             camera.samples(),
         );
-        let Some(Unlit { shown, shaded, shader }) = unlit else {
+        let Some(Unlit { snapshot, shaded, shader }) = unlit else {
             return sampler.cast(&line, fold, &mut RenderWork::default());
         };
-        let mut seen = Through::CLEAR;
+        let mut seen = Accumulated::CLEAR;
         // All rays sample at the same numbers.
         let mut k = line.first.next_multiple_of(STRIDE);
         let mut last = None;
@@ -169,7 +169,7 @@ impl<const C: usize> Fused for Look<'_, C> {
             }
             k += STRIDE;
             if last.is_none_or(|(at, _)| at != brick) {
-                last = Some((brick, shown.neighbourhood(brick)));
+                last = Some((brick, snapshot.neighbourhood(brick)));
             }
             let Some((_, Some((own, beside)))) = last else { continue };
             let inside = [voxel[0] & 7, voxel[1] & 7, voxel[2] & 7];

@@ -11,15 +11,15 @@ pub(crate) struct Sparse<const C: usize> {
     pub(crate) regions: Regions<C>,
     /// Small features, if rays are adaptive.
     pub(super) features: Option<Features>,
-    pub(super) turning: Option<Turning<C>>,
+    pub(super) refinement: Option<Refinement<C>>,
 }
 
 impl<const C: usize> Sparse<C> {
     /// Creates the picture of an empty volume.
-    pub(crate) fn new(camera: &Camera, stage: &RenderRegion, epsilon: f32) -> Self {
+    pub(crate) fn new(camera: &Camera, region: &RenderRegion, epsilon: f32) -> Self {
         let regions = Regions::new(camera.size(), epsilon, true);
-        let features = Some(Features::new(camera, stage, epsilon, regions.count()));
-        Self { regions, features, turning: None }
+        let features = Some(Features::new(camera, region, epsilon, regions.count()));
+        Self { regions, features, refinement: None }
     }
 
     pub(crate) fn bytes(&self) -> u64 {
@@ -28,7 +28,7 @@ impl<const C: usize> Sparse<C> {
 }
 
 /// Remaining work for a new view.
-pub(super) struct Turning<const C: usize> {
+pub(super) struct Refinement<const C: usize> {
     pub(super) preview: Preview<C>,
     pub(super) begun: bool,
     /// Whether the light on voxels has changed.

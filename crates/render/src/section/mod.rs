@@ -48,6 +48,7 @@ impl Sampled {
 
     /// Creates a sample from sums over the voxels about a place: Σ s·w·v and Σ s·w, and Σ s of
     /// the seen ones.
+    #[inline]
     pub(super) fn of(numerator: f64, weight: f64, share: f64) -> Self {
         if weight > 0.0 {
             Self { value: (numerator / weight) as f32, weight: weight as f32, share: share as f32 }

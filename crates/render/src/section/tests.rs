@@ -264,12 +264,12 @@ fn free_plane_fits_its_cut_through_box() {
     // A plane in a face meets it; the error for one beyond gives the volume's position.
     assert!(Plane::new(DVec3::new(0.0, 0.0, -1.0), DVec3::Z, None).unwrap().fit(&place, [9, 9]).is_ok());
     let beside = Plane::new(DVec3::new(0.0, 0.0, -1.1), DVec3::Z, None).unwrap().fit(&place, [9, 9]).unwrap_err();
-    let said = beside.to_string();
+    let message = beside.to_string();
     assert!(
-        said.contains("misses the volume") && said.contains("from -0.25, -0.50, -1.00 to 9.75, 9.50, 9.00"),
-        "{said}"
+        message.contains("misses the volume") && message.contains("from -0.25, -0.50, -1.00 to 9.75, 9.50, 9.00"),
+        "{message}"
     );
-    for (point, normal, up, says) in [
+    for (point, normal, up, text) in [
         (DVec3::ZERO, DVec3::ZERO, None, "normal 0, 0, 0"),
         (DVec3::ZERO, DVec3::new(f64::NAN, 0.0, 1.0), None, "normal NaN"),
         (DVec3::INFINITY, DVec3::X, None, "point inf"),
@@ -277,7 +277,7 @@ fn free_plane_fits_its_cut_through_box() {
         (DVec3::ZERO, DVec3::X, Some(DVec3::ZERO), "upward direction 0"),
     ] {
         let error = Plane::new(point, normal, up).unwrap_err().to_string();
-        assert!(error.contains(says), "{error}");
+        assert!(error.contains(text), "{error}");
     }
     // Very short and very long normals are valid.
     assert_eq!(Plane::new(middle, DVec3::Z * 1e-300, None).unwrap(), level);

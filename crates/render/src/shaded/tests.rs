@@ -46,7 +46,7 @@ impl Values for Anything {
     }
 }
 
-fn looks() -> Vec<RenderSettings> {
+fn all_settings() -> Vec<RenderSettings> {
     let curve = |points: &[(f64, f64)]| Curve::new(points).unwrap();
     let grey = || Colour::grey([10.0, 250.0]).unwrap();
     let transfer = |opacity, unit_mm, colour| Transfer::new(opacity, unit_mm, colour).unwrap();
@@ -78,7 +78,7 @@ fn looks() -> Vec<RenderSettings> {
 #[test]
 fn lanes_match_single_voxel_bits() {
     let mut seen = 0;
-    for settings in looks() {
+    for settings in all_settings() {
         seen += match settings.transfer.is_grey() {
             true => compare::<1>(&settings, [1, 2].map(Anything)),
             false => compare::<3>(&settings, [1, 2].map(Anything)),
@@ -128,23 +128,23 @@ fn flat_voxels_are_skipped_and_others_keep_bits() {
 /// and given voxels.
 fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2]) -> [usize; 3] {
     let lattice = DAffine3 { matrix3: DMat3::from_diagonal(DVec3::new(0.5, 0.4, 0.7)), translation: DVec3::ZERO };
-    let stage = RenderRegion::new(Transform::from_affine(lattice), [0; 3], SIZE.map(|n| n - 1)).unwrap();
-    let camera = Camera::new(&settings.view, settings.size, settings.step, &stage).unwrap();
-    let shader = Shader::<f32>::new(settings, &camera, &stage);
+    let region = RenderRegion::new(Transform::from_affine(lattice), [0; 3], SIZE.map(|n| n - 1)).unwrap();
+    let camera = Camera::new(&settings.view, settings.size, settings.step, &region).unwrap();
+    let shader = Shader::<f32>::new(settings, &camera, &region);
     let (mut seen, mut shaded_in_all, mut given) = (0, 0, 0);
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_available()) {
-        let (mut shown, mut shaded) = (Shown::new(&stage), Shaded::<C>::new(&stage, Interval::ALL));
+        let (mut snapshot, mut shaded) = (VoxelSnapshot::new(&region), Shaded::<C>::new(&region, Interval::ALL));
         // Earlier content must not matter.
         for volume in &volumes {
             let (mut changed, mut dirty) = (Vec::new(), Vec::new());
-            shown.take(volume, &volume.bricks().collect::<Vec<_>>(), simd, Sharing::Alone, &mut changed);
-            let voxels = shown.dilated(&changed);
-            let lit = shaded.update(&shown, &voxels, &shader, simd, Sharing::Alone, &mut dirty) as usize;
+            snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), simd, Sharing::Alone, &mut changed);
+            let voxels = snapshot.dilated(&changed);
+            let lit = shaded.update(&snapshot, &voxels, &shader, simd, Sharing::Alone, &mut dirty) as usize;
             assert!(lit > 0);
             shaded_in_all += lit;
             given +=
                 voxels.iter().flat_map(|voxels| voxels.voxels).map(|bits| bits.count_ones() as usize).sum::<usize>();
-            let inside = |x: i64, a: usize| (0..SIZE[a]).contains(&(x + stage.first()[a]));
+            let inside = |x: i64, a: usize| (0..SIZE[a]).contains(&(x + region.first()[a]));
             for d in dirty {
                 assert!((0..3).all(|a| inside(d.low[a], a) && d.low[a] <= d.high[a] && inside(d.high[a], a)), "{d:?}");
             }
@@ -152,7 +152,7 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
         let of = |voxel: [i64; 3]| {
             let at = voxel.map(|x| x.div_euclid(EDGE as i64));
             let place = voxel.iter().rev().fold(0, |place, x| place * EDGE + x.rem_euclid(EDGE as i64) as usize);
-            shown.neighbourhood(at).map_or((0.0, 0.0), |(brick, _)| (brick.value[place], brick.weight[place]))
+            snapshot.neighbourhood(at).map_or((0.0, 0.0), |(brick, _)| (brick.value[place], brick.weight[place]))
         };
         for index in 0..shaded.table.slots().len() {
             let at = shaded.table.place(index);

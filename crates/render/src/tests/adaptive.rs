@@ -3,8 +3,8 @@ use super::*;
 /// One grey level, as a share of the full range.
 const GREY: f32 = 1.0 / 255.0;
 
-fn picture(volume: &(impl Values + ?Sized), settings: &RenderSettings, stage: RenderRegion) -> (Picture, RenderWork) {
-    let mut renderer = Renderer::new(settings, stage).unwrap();
+fn picture(volume: &(impl Values + ?Sized), settings: &RenderSettings, region: RenderRegion) -> (Picture, RenderWork) {
+    let mut renderer = Renderer::new(settings, region).unwrap();
     let work = renderer.update_all(volume).work;
     (renderer.picture(), work)
 }
@@ -31,23 +31,23 @@ fn clear(alpha: f64) -> RenderSettings {
 fn adaptive_incremental_picture_equals_full_picture() {
     let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_y(0.2);
     let mut shows = 0;
-    for (n, (look, epsilon)) in looks().into_iter().zip([4.0, 1.0, 8.0, 40.0, 20.0]).enumerate() {
-        let settings = RenderSettings { adaptive: epsilon * GREY, size: [160, 128], ..look };
-        let (scan, weave, stage) = sweep(30, [Motion::Freehand, Motion::Crossing][n % 2], turned);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        let mut following = Renderer::new(&settings, stage).unwrap();
+    for (n, (base, epsilon)) in all_settings().into_iter().zip([4.0, 1.0, 8.0, 40.0, 20.0]).enumerate() {
+        let settings = RenderSettings { adaptive: epsilon * GREY, size: [160, 128], ..base };
+        let (scan, reconstruction, region) = sweep(30, [Motion::Freehand, Motion::Crossing][n % 2], turned);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        let mut following = Renderer::new(&settings, region).unwrap();
         let mut unlike = [true; 2];
         let mut done = RenderWork::default();
         for frame in 0..scan.frames() {
-            let touched = weaver.insert(&scan.slice(frame)).unwrap();
-            following.update(weaver.volume(), &touched.bricks);
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            following.update(reconstructor.volume(), &touched.bricks);
             if frame % 7 == 6 || frame + 1 == scan.frames() {
                 let cache = Cache::ALL[frame as usize % 4];
                 let threads = 1 + frame as usize % 3;
                 let other = RenderSettings { cache, threads, ..settings.clone() };
-                let (whole, work) = picture(weaver.volume(), &other, stage);
+                let (whole, work) = picture(reconstructor.volume(), &other, region);
                 assert_eq!(whole, following.picture(), "frame {frame}, {n}: {cache:?} on {threads} threads");
-                let (exact, _) = picture(weaver.volume(), &RenderSettings { adaptive: 0.0, ..other }, stage);
+                let (exact, _) = picture(reconstructor.volume(), &RenderSettings { adaptive: 0.0, ..other }, region);
                 done = work;
                 unlike = [unlike[0] && exact != whole, unlike[1] && work.pixels_interpolated > 500];
             }
@@ -61,17 +61,17 @@ fn adaptive_incremental_picture_equals_full_picture() {
 
 #[test]
 fn tiny_threshold_changes_at_most_one_grey_level() {
-    for look in looks() {
-        let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        scan.slices(0..24).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
-        let (exact, all) = picture(weaver.volume(), &look, stage);
-        let (tiny, few) = picture(weaver.volume(), &RenderSettings { adaptive: 1e-6, ..look.clone() }, stage);
+    for base in all_settings() {
+        let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
+        let (exact, all) = picture(reconstructor.volume(), &base, region);
+        let (tiny, few) = picture(reconstructor.volume(), &RenderSettings { adaptive: 1e-6, ..base.clone() }, region);
         let off = exact.over([0.0; 3]).iter().zip(tiny.over([0.0; 3])).map(|(a, b)| a.abs_diff(b)).max().unwrap();
-        assert!(off <= 1, "{:?}: {off} grey levels", look.view);
+        assert!(off <= 1, "{:?}: {off} grey levels", base.view);
         assert!(few.rays <= all.rays && few.regions > 0, "{few:?} {all:?}");
         // Without sparse rays no ray is cast twice.
-        let (zero, work) = picture(weaver.volume(), &RenderSettings { adaptive: 0.0, ..look }, stage);
+        let (zero, work) = picture(reconstructor.volume(), &RenderSettings { adaptive: 0.0, ..base }, region);
         assert_eq!((zero, work.regions, work.pixels_interpolated), (exact, 0, 0));
     }
 }
@@ -79,7 +79,7 @@ fn tiny_threshold_changes_at_most_one_grey_level() {
 #[test]
 fn dot_or_wire_between_region_corners_is_found() {
     let (low, high) = ([0; 3], [59; 3]);
-    let stage = RenderRegion::new(half_mm(), low, high).unwrap();
+    let region = RenderRegion::new(half_mm(), low, high).unwrap();
     for (view, adaptive) in [
         (View::default(), 4.0 * GREY),
         (View { azimuth: 30.0, elevation: 20.0, ..View::default() }, 2.0 * GREY),
@@ -94,10 +94,10 @@ fn dot_or_wire_between_region_corners_is_found() {
             let wire = |at: [i64; 3]| (at[0] - at[2] == step) && at[1] == 12;
             let small = |at: [i64; 3]| if at == dot { Some(255.0) } else { wire(at).then_some(180.0) };
             let volume = Field { low, high, value: |at| small(at).or(Some(200.0 * wall(at) as f32)) };
-            let (exact, all) = picture(&volume, &RenderSettings { adaptive: 0.0, ..settings.clone() }, stage);
-            let (found, few) = picture(&volume, &settings, stage);
+            let (exact, all) = picture(&volume, &RenderSettings { adaptive: 0.0, ..settings.clone() }, region);
+            let (found, few) = picture(&volume, &settings, region);
             let without = Field { low, high, value: |at| Some(200.0 * wall(at) as f32) };
-            let (empty, _) = picture(&without, &RenderSettings { adaptive: 0.0, ..settings.clone() }, stage);
+            let (empty, _) = picture(&without, &RenderSettings { adaptive: 0.0, ..settings.clone() }, region);
             let shows = exact.difference(&empty)[0];
             // The picture must be right where the small features show.
             let mut worst = 0.0_f32;
@@ -116,16 +116,16 @@ fn dot_or_wire_between_region_corners_is_found() {
 #[test]
 fn even_picture_error_stays_within_threshold() {
     let (low, high) = ([0; 3], [69; 3]);
-    let stage = RenderRegion::new(half_mm(), low, high).unwrap();
+    let region = RenderRegion::new(half_mm(), low, high).unwrap();
     let fog = body(DVec3::splat(35.0), 34.0, 33.0);
     let volume = Field { low, high, value: |at| Some(255.0 * fog(at) as f32) };
     let view = View { azimuth: 20.0, elevation: 30.0, ..View::default() };
     let exact = RenderSettings { view, size: [200, 170], ..clear(0.008) };
-    let (full, all) = picture(&volume, &exact, stage);
+    let (full, all) = picture(&volume, &exact, region);
     let mut rays = all.rays;
     for epsilon in [1.0, 2.0, 4.0, 8.0] {
         let settings = RenderSettings { adaptive: epsilon * GREY, ..exact.clone() };
-        let (few, work) = picture(&volume, &settings, stage);
+        let (few, work) = picture(&volume, &settings, region);
         let [most, rms] = full.difference(&few);
         assert!(most <= f64::from(epsilon * GREY) && rms < 0.2 * f64::from(epsilon * GREY), "{epsilon}: {most} {rms}");
         assert!(work.rays < rays, "{epsilon}: {} rays of {rays}", work.rays);
@@ -137,20 +137,20 @@ fn even_picture_error_stays_within_threshold() {
 #[test]
 fn small_pictures_have_regions() {
     let (low, high) = ([0; 3], [20; 3]);
-    let stage = RenderRegion::new(half_mm(), low, high).unwrap();
+    let region = RenderRegion::new(half_mm(), low, high).unwrap();
     let fog = body(DVec3::splat(10.0), 9.0, 4.0);
     let volume = Field { low, high, value: |at| Some(255.0 * fog(at) as f32) };
     for size in [[1, 1], [1, 9], [2, 1], [8, 9], [9, 8], [10, 17], [65, 3]] {
         let settings = RenderSettings { size, adaptive: 1e-7, threads: 2, ..clear(0.4) };
-        let (exact, _) = picture(&volume, &RenderSettings { adaptive: 0.0, ..settings.clone() }, stage);
-        let (split, _) = picture(&volume, &settings, stage);
+        let (exact, _) = picture(&volume, &RenderSettings { adaptive: 0.0, ..settings.clone() }, region);
+        let (split, _) = picture(&volume, &settings, region);
         assert!(exact.difference(&split)[0] < 1e-6, "{size:?}: {:?}", exact.difference(&split));
         let coarse = RenderSettings { adaptive: 1.0, ..settings };
-        assert!(picture(&volume, &coarse, stage).0.pixels.iter().flatten().all(|x| (0.0..=1.0).contains(x)));
+        assert!(picture(&volume, &coarse, region).0.pixels.iter().flatten().all(|x| (0.0..=1.0).contains(x)));
     }
     let settings = |adaptive| RenderSettings { adaptive, ..clear(0.4) };
     for wrong in [-0.1, 1.5, f32::NAN] {
-        let refusal = Renderer::new(&settings(wrong), stage).err().unwrap().to_string();
+        let refusal = Renderer::new(&settings(wrong), region).err().unwrap().to_string();
         assert!(refusal.contains("--adaptive"), "{refusal}");
     }
 }

@@ -6,11 +6,11 @@ use simd::sharing::Sharing;
 
 use super::super::classify::interval::Interval;
 use super::super::classify::shade::{Lit, Shader};
-use super::super::rays::composite::Through;
+use super::super::rays::composite::Accumulated;
 use super::super::rays::line::Line;
 use super::super::rays::run::Reader;
 use super::super::shaded::Shaded;
-use super::super::shown::Shown;
+use super::super::snapshot::VoxelSnapshot;
 use super::super::voxels::{Sampler, Voxels};
 use super::*;
 
@@ -34,7 +34,7 @@ fn band() -> Transfer {
 }
 
 /// All settings that classify samples, for steps within a brick and beyond it.
-fn looks() -> Vec<RenderSettings> {
+fn all_settings() -> Vec<RenderSettings> {
     let view = View { azimuth: 33.0, elevation: 21.0, roll: 4.0, ..View::default() };
     let base = RenderSettings { view, stop: 0.0, ..RenderSettings::new([48, 44], band()) };
     let far = View { perspective: Some(40.0), ..view };
@@ -54,17 +54,17 @@ fn looks() -> Vec<RenderSettings> {
 /// camera.
 fn kept(
     settings: &RenderSettings,
-    stage: &RenderRegion,
+    region: &RenderRegion,
     volume: &impl Values,
     interval: Interval,
 ) -> (Shaded<4>, Shader<f32>, Camera) {
-    let camera = Camera::new(&settings.view, settings.size, settings.step, stage).unwrap();
-    let shader = Shader::<f32>::new(settings, &camera, stage);
-    let (mut shown, mut shaded) = (Shown::new(stage), Shaded::<4>::new(stage, interval));
+    let camera = Camera::new(&settings.view, settings.size, settings.step, region).unwrap();
+    let shader = Shader::<f32>::new(settings, &camera, region);
+    let (mut snapshot, mut shaded) = (VoxelSnapshot::new(region), Shaded::<4>::new(region, interval));
     let (mut changed, mut dirty) = (Vec::new(), Vec::new());
     let (simd, alone) = (Simd::detect(), Sharing::Alone);
-    shown.take(volume, &volume.bricks().collect::<Vec<_>>(), simd, alone, &mut changed);
-    shaded.update(&shown, &shown.dilated(&changed), &shader, simd, alone, &mut dirty);
+    snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), simd, alone, &mut changed);
+    shaded.update(&snapshot, &snapshot.dilated(&changed), &shader, simd, alone, &mut dirty);
     (shaded, shader, camera)
 }
 
@@ -72,15 +72,15 @@ fn kept(
 /// work.
 fn cast(
     settings: &RenderSettings,
-    stage: &RenderRegion,
+    region: &RenderRegion,
     volume: &impl Values,
     interval: Interval,
-) -> (Vec<Through<3>>, RenderWork) {
-    let (voxels, shader, camera) = kept(settings, stage, volume, interval);
+) -> (Vec<Accumulated<3>>, RenderWork) {
+    let (voxels, shader, camera) = kept(settings, region, volume, interval);
     let (voxels, mut work) = (Voxels::SampleClassifier(voxels), RenderWork::default());
     let fold = settings.fold(camera.samples()).unwrap();
     let sampler = Sampler::new(&voxels, &shader);
-    let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
+    let [low, high] = region.bounds().map(|at| std::array::from_fn(|a| at[a] - region.first()[a]));
     let pixels = (0..settings.size[1])
         .flat_map(|j| (0..settings.size[0]).map(move |i| (i, j)))
         .map(|(i, j)| sampler.cast(&Line::new(&camera.ray(i, j), low, high, camera.samples()), fold, &mut work))
@@ -128,13 +128,13 @@ fn treacherous(seed: u64) -> Field<impl Fn([i64; 3]) -> Option<f32> + Sync> {
 
 #[test]
 fn skipping_hidden_bricks_changes_no_bit() {
-    for (n, settings) in (0..).zip(looks()) {
+    for (n, settings) in (0..).zip(all_settings()) {
         let (mut seen, mut passed, mut whole) = (0, 0, 0);
         for seed in 0..10 {
             let volume = treacherous(100 * seed + 10 * n);
-            let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
-            let (by_interval, work) = cast(&settings, &stage, &volume, Interval::of(&settings));
-            let (of_all, all) = cast(&settings, &stage, &volume, Interval::ALL);
+            let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+            let (by_interval, work) = cast(&settings, &region, &volume, Interval::of(&settings));
+            let (of_all, all) = cast(&settings, &region, &volume, Interval::ALL);
             let differ = by_interval.iter().zip(&of_all).filter(|(a, b)| !a.same_bits(b)).count();
             assert_eq!(differ, 0, "{:?}, step {}, seed {seed}", settings.mode, settings.step);
             assert_eq!(work.samples + work.samples_skipped, all.samples + all.samples_skipped);
@@ -151,9 +151,9 @@ fn small_seen_share_raises_value_within_bound() {
     for seed in 0..400 {
         let value = |at: [i64; 3]| (random(seed, at) < 0.5).then(|| 0.6 + 0.4 * random(seed + 500, at) as f32);
         let volume = Field { low: [0; 3], high: [1; 3], value };
-        let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+        let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
         let most = (0..8).filter_map(|i| value([i & 1, i >> 1 & 1, i >> 2])).fold(0.0, f32::max);
-        let (voxels, ..) = kept(&looks()[4], &stage, &volume, Interval::ALL);
+        let (voxels, ..) = kept(&all_settings()[4], &region, &volume, Interval::ALL);
         let reader = Reader::of_all(&voxels);
         for n in 0..1000 {
             // Positions within a cell whose first voxel has the coordinate 8: next to its
@@ -201,13 +201,13 @@ fn ball_in_grey_skips_most_samples() {
         (classified[1], 40.0, 0.6),
         (classified[0], 12.0, 0.95),
     ] {
-        let settings = RenderSettings { mode, cache: Cache::None, ..looks()[0].clone() };
+        let settings = RenderSettings { mode, cache: Cache::None, ..all_settings()[0].clone() };
         let volume = ball(grey, [0; 3], -1, 0.0);
-        let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
-        let work = Renderer::new(&settings, stage).unwrap().update_all(&volume).work;
+        let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+        let work = Renderer::new(&settings, region).unwrap().update_all(&volume).work;
         let share = work.samples_skipped as f64 / (work.samples + work.samples_skipped) as f64;
         assert!(share > expected, "{mode:?}: {share} of {work:?}");
-        let (_, all) = cast(&settings, &stage, &volume, Interval::ALL);
+        let (_, all) = cast(&settings, &region, &volume, Interval::ALL);
         assert!(all.samples > 2 * work.samples, "{mode:?}: {all:?}");
     }
 }
@@ -216,9 +216,9 @@ fn ball_in_grey_skips_most_samples() {
 fn hidden_grey_changes_cast_no_ray_until_visible() {
     for (n, mode) in [Mode::Isosurface(80.0), SAMPLED].into_iter().enumerate() {
         for cache in Cache::ALL {
-            let settings = RenderSettings { mode, cache, threads: 1 + n, ..looks()[0].clone() };
-            let stage = RenderRegion::new(half_mm(), [0; 3], [79; 3]).unwrap();
-            let mut renderer = Renderer::new(&settings, stage).unwrap();
+            let settings = RenderSettings { mode, cache, threads: 1 + n, ..all_settings()[0].clone() };
+            let region = RenderRegion::new(half_mm(), [0; 3], [79; 3]).unwrap();
+            let mut renderer = Renderer::new(&settings, region).unwrap();
             renderer.update_all(&ball(40.0, [0; 3], -1, 0.0));
             for (spot, size, bright, is_seen) in [
                 ([30, 20, 20], 3, 55.0, false),
@@ -233,7 +233,7 @@ fn hidden_grey_changes_cast_no_ray_until_visible() {
                 let cast = [work.pixels_met, work.rays, work.samples, work.samples_skipped, work.pixels_changed];
                 assert!(work.bricks_changed > 0 && work.voxels_shaded > 20, "{work:?}");
                 assert_eq!(cast != [0; 5], is_seen, "{mode:?}, {cache:?}, {spot:?}: {work:?}");
-                let mut whole = Renderer::new(&settings, stage).unwrap();
+                let mut whole = Renderer::new(&settings, region).unwrap();
                 whole.update_all(&volume);
                 assert!(same(&renderer.picture(), &whole.picture()), "{mode:?}, {cache:?}, {spot:?}");
             }

@@ -20,11 +20,11 @@ fn drawn(
     volume: &Field<impl Fn([i64; 3]) -> Option<f32> + Sync>,
     settings: &RenderSettings,
 ) -> (Picture, Camera, RenderRegion) {
-    let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
-    let camera = Camera::new(&settings.view, settings.size, settings.step, &stage).unwrap();
-    let mut renderer = Renderer::new(settings, stage).unwrap();
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let camera = Camera::new(&settings.view, settings.size, settings.step, &region).unwrap();
+    let mut renderer = Renderer::new(settings, region).unwrap();
     renderer.update_all(volume);
-    (renderer.picture(), camera, stage)
+    (renderer.picture(), camera, region)
 }
 
 #[test]
@@ -39,11 +39,11 @@ fn ball_maximum_is_nearest_to_its_middle() {
         let view = View { azimuth: 33.0, elevation: 21.0, roll: 7.0, perspective, turns: false, ..View::default() };
         let settings =
             RenderSettings { view, mode: Mode::Maximum, step: 0.25, ..RenderSettings::new([61, 47], window()) };
-        let (picture, camera, stage) = drawn(&volume, &settings);
+        let (picture, camera, region) = drawn(&volume, &settings);
         let mut seen = 0;
         for (j, i) in (0..47).flat_map(|j| (0..61).map(move |i| (j, i))) {
             let ray = camera.ray(i, j);
-            let middle = DVec3::from_array(stage.first().map(|first| 20.0 - first as f64)) - ray.base;
+            let middle = DVec3::from_array(region.first().map(|first| 20.0 - first as f64)) - ray.base;
             let off = (middle - ray.step * (middle.dot(ray.step) / ray.step.length_squared())).length();
             let [r, _, _, t] = picture.pixels[(j * 61 + i) as usize];
             if off < 13.5 {
@@ -80,10 +80,10 @@ fn ramp_average_is_its_middle_without_rim() {
     assert!(seen > 400, "{seen}");
     // Across it: its value at each place, exactly.
     let across = RenderSettings { view: View { azimuth: 90.0, ..View::default() }, ..settings };
-    let (picture, camera, stage) = drawn(&volume, &across);
+    let (picture, camera, region) = drawn(&volume, &across);
     for i in 0..41 {
         let [r, _, _, t] = picture.pixels[(20 * 41 + i) as usize];
-        let y = camera.ray(i, 20).base.y + stage.first()[1] as f64;
+        let y = camera.ray(i, 20).base.y + region.first()[1] as f64;
         if (0.0..=29.0).contains(&y) {
             let off = f64::from(r) * 255.0 - (64.0 + 2.0 * y);
             assert!(off.abs() < 1e-4 && t == 0.0, "{y}: {off}");
@@ -111,9 +111,9 @@ fn fog_opacity_follows_beer_lambert() {
 
 /// Returns the distance of a ray's isosurface, in voxels from the ray's beginning, from the
 /// darkening by a depth cue.
-fn distance(brightness: f32, camera: &Camera, stage: &RenderRegion, ray: &super::super::camera::Ray) -> f64 {
+fn distance(brightness: f32, camera: &Camera, region: &RenderRegion, ray: &super::super::camera::Ray) -> f64 {
     let depth = 1.0 / f64::from(brightness) - 1.0;
-    let [from, to] = [0.0, 1.0].map(|k| camera.depth(ray.base + ray.step * k, stage));
+    let [from, to] = [0.0, 1.0].map(|k| camera.depth(ray.base + ray.step * k, region));
     (depth - from) / (to - from) * ray.step.length()
 }
 
@@ -143,11 +143,11 @@ fn linear_field_isosurface_is_hit_exactly() {
             light: fading(),
             ..RenderSettings::new([51, 43], window())
         };
-        let (picture, camera, stage) = drawn(&volume, &settings);
+        let (picture, camera, region) = drawn(&volume, &settings);
         let (mut hits, mut worst) = (0, 0.0_f64);
         for (j, i) in (0..43).flat_map(|j| (0..51).map(move |i| (j, i))) {
             let ray = camera.ray(i, j);
-            let lattice = |k: f64| ray.base + ray.step * k + DVec3::from_array(stage.first().map(|x| x as f64));
+            let lattice = |k: f64| ray.base + ray.step * k + DVec3::from_array(region.first().map(|x| x as f64));
             let k = (90.0 - field(lattice(0.0))) / normal.dot(ray.step);
             let at = lattice(k);
             // Only the surface itself, seen all around; elsewhere the ray meets the end of
@@ -155,7 +155,7 @@ fn linear_field_isosurface_is_hit_exactly() {
             if at.min_element() > 1.0 && at.max_element() < 38.0 {
                 let [r, _, _, t] = picture.pixels[(j * 51 + i) as usize];
                 assert_eq!(t, 0.0, "{at}");
-                worst = worst.max((distance(r, &camera, &stage, &ray) - k * ray.step.length()).abs());
+                worst = worst.max((distance(r, &camera, &region, &ray) - k * ray.step.length()).abs());
                 hits += 1;
             }
         }
@@ -168,11 +168,11 @@ fn coverage_end_is_isosurface_of_bright_tissue() {
     let volume = Field { low: [0; 3], high: [29; 3], value: |_: [i64; 3]| Some(200.0) };
     let settings =
         RenderSettings { mode: Mode::Isosurface(100.0), light: fading(), ..RenderSettings::new([33, 33], window()) };
-    let (picture, camera, stage) = drawn(&volume, &settings);
+    let (picture, camera, region) = drawn(&volume, &settings);
     let ray = camera.ray(16, 16);
     // Half a voxel before the first one.
-    let exact = -0.5 - stage.first()[1] as f64 - ray.base.y;
-    let found = distance(picture.pixels[16 * 33 + 16][0], &camera, &stage, &ray);
+    let exact = -0.5 - region.first()[1] as f64 - ray.base.y;
+    let found = distance(picture.pixels[16 * 33 + 16][0], &camera, &region, &ray);
     assert!((found - exact).abs() < 1.0 / 64.0, "{found} against {exact}");
     let below = RenderSettings { mode: Mode::Isosurface(200.5), ..settings.clone() };
     assert!(drawn(&volume, &below).0.pixels.iter().all(|p| *p == [0.0, 0.0, 0.0, 1.0]));
@@ -209,15 +209,15 @@ fn incremental_equals_full_picture_in_every_mode() {
     let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_y(0.2);
     let motions = [Motion::Freehand, Motion::Crossing, Motion::Jittered, Motion::Parallel];
     for (settings, motion) in ways().into_iter().zip(motions.into_iter().cycle()) {
-        let (scan, weave, stage) = sweep(22, motion, turned);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        let mut following = Renderer::new(&settings, stage).unwrap();
+        let (scan, reconstruction, region) = sweep(22, motion, turned);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        let mut following = Renderer::new(&settings, region).unwrap();
         for frame in 0..scan.frames() {
-            let touched = weaver.insert(&scan.slice(frame)).unwrap();
-            following.update(weaver.volume(), &touched.bricks);
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            following.update(reconstructor.volume(), &touched.bricks);
             if frame % 9 == 4 || frame + 1 == scan.frames() {
-                let mut whole = Renderer::new(&settings, stage).unwrap();
-                whole.update_all(weaver.volume());
+                let mut whole = Renderer::new(&settings, region).unwrap();
+                whole.update_all(reconstructor.volume());
                 let (a, b) = (following.picture(), whole.picture());
                 let same = a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits));
                 assert!(same, "{:?}, frame {frame}: off by {:?}", settings.mode, a.difference(&b));
@@ -225,8 +225,8 @@ fn incremental_equals_full_picture_in_every_mode() {
         }
         for cache in Cache::ALL {
             let other = RenderSettings { cache, threads: 1, ..settings.clone() };
-            let mut one = Renderer::new(&other, stage).unwrap();
-            one.update_all(weaver.volume());
+            let mut one = Renderer::new(&other, region).unwrap();
+            one.update_all(reconstructor.volume());
             assert_eq!(one.picture(), following.picture(), "{:?}, {cache:?}, on one thread", settings.mode);
         }
         let seen = following.picture().pixels.iter().filter(|p| p[3] < 0.99).count();
@@ -237,12 +237,12 @@ fn incremental_equals_full_picture_in_every_mode() {
 #[test]
 fn live_picture_matches_reference_in_every_mode() {
     for settings in ways() {
-        let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        scan.slices(0..24).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
-        let mut live = Renderer::new(&settings, stage).unwrap();
-        live.update_all(weaver.volume());
-        let exact = reference::render(weaver.volume(), &settings, &stage).unwrap();
+        let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
+        let mut live = Renderer::new(&settings, region).unwrap();
+        live.update_all(reconstructor.volume());
+        let exact = reference::render(reconstructor.volume(), &settings, &region).unwrap();
         let [most, rms] = exact.difference(&live.picture());
         // The error of the stop, and the rounding of single precision; for an isosurface at its
         // silhouettes, too.
@@ -254,9 +254,9 @@ fn live_picture_matches_reference_in_every_mode() {
 
 #[test]
 fn invalid_isovalue_is_refused() {
-    let (_, _, stage) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
+    let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
     let settings = RenderSettings { mode: Mode::Isosurface(f64::NAN), ..RenderSettings::new([8, 8], tissue()) };
-    let refused = Renderer::new(&settings, stage).err().map(|e| e.to_string()).unwrap_or_default();
+    let refused = Renderer::new(&settings, region).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("isovalue") && refused.contains("NaN"), "{refused}");
 }
 
@@ -267,7 +267,7 @@ fn voxel_before_isosurface_updates_samples_behind() {
         high: [20; 3],
         value: move |at: [i64; 3]| Some(if changed == Some(at) { 0.0 } else { 100.0 + 12.0 * (at[1] - 10) as f32 }),
     };
-    let stage = RenderRegion::new(half_mm(), [0; 3], [20; 3]).unwrap();
+    let region = RenderRegion::new(half_mm(), [0; 3], [20; 3]).unwrap();
     // If steps are short, the voxels whose gradients change also hold the next sample. Only the
     // fading light shows the surface's position along its ray.
     let settings = RenderSettings {
@@ -280,12 +280,12 @@ fn voxel_before_isosurface_updates_samples_behind() {
     let before = volume(None);
     let mut changes = 0;
     for (x, y) in (8..16).flat_map(|x| (8..16).map(move |y| (x, y))) {
-        let mut following = Renderer::new(&settings, stage).unwrap();
+        let mut following = Renderer::new(&settings, region).unwrap();
         following.update_all(&before);
         let was = following.picture();
         let after = volume(Some([x, y, x]));
         following.update(&after, &[[1, 1, 1]]);
-        let mut whole = Renderer::new(&settings, stage).unwrap();
+        let mut whole = Renderer::new(&settings, region).unwrap();
         whole.update_all(&after);
         assert_eq!(following.picture(), whole.picture(), "a dark voxel at {x} {y}");
         changes += u32::from(was != whole.picture());

@@ -49,7 +49,7 @@ fn views() -> Vec<View> {
 /// mm.
 fn entered(renderer: &Renderer, at: [f64; 2], body: impl Fn(DVec3) -> f64) -> Option<DVec3> {
     let ray = renderer.camera().ray_through(at);
-    let to_world = renderer.stage().world_from_stage();
+    let to_world = renderer.region().world_from_region();
     let from = to_world.transform_point3(ray.base);
     let along = to_world.transform_vector3(ray.step).normalize();
     (0..8000).map(|n| from + along * (f64::from(n) * 0.01)).find(|at| body(*at) >= 0.0)
@@ -73,7 +73,7 @@ fn pick_finds_body_surface_and_nothing_beside() {
                     (Some(truth), Some(Picked { point, along, depth_mm, pixel_mm })) => {
                         let ray = renderer.camera().ray_through(at);
                         let [near, far] = [0.0, 1.0]
-                            .map(|k| renderer.stage().world_from_stage().transform_point3(ray.base + ray.step * k));
+                            .map(|k| renderer.region().world_from_region().transform_point3(ray.base + ray.step * k));
                         assert!((along - (far - near).normalize()).length() < 1e-9);
                         assert!((point - near).cross(along).length() < 1e-9, "it lies on its ray");
                         let off = (point - truth).dot(along);
@@ -85,8 +85,8 @@ fn pick_finds_body_surface_and_nothing_beside() {
                             hits += 1;
                         }
                         assert!(depth_mm >= renderer.camera().step_mm() && depth_mm < 8.0, "{depth_mm}");
-                        let told = renderer.camera().project_world(point + view.axes().right * pixel_mm).unwrap();
-                        assert!((told[0] - at[0] - 1.0).abs() < 0.02, "{told:?} {at:?}");
+                        let projected = renderer.camera().project_world(point + view.axes().right * pixel_mm).unwrap();
+                        assert!((projected[0] - at[0] - 1.0).abs() < 0.02, "{projected:?} {at:?}");
                     }
                     (None, Some(_)) => assert!(!passes_by, "{mode:?} {view:?} {at:?}: nothing is there"),
                     (Some(_), None) => {}
@@ -106,11 +106,11 @@ fn pick_finds_maximum_and_ignores_thin_tissue() {
         (off < 8.0).then_some((200.0 - 20.0 * off) as f32)
     };
     let volume = Field { low: [0; 3], high: [48, 40, 46], value };
-    let stage = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
     for mode in [Mode::Maximum, Mode::Average] {
         for view in views() {
             let settings = RenderSettings { view, mode, ..RenderSettings::new([64, 60], clear_or_opaque()) };
-            let mut renderer = Renderer::new(&settings, stage).unwrap();
+            let mut renderer = Renderer::new(&settings, region).unwrap();
             renderer.update_all(&volume);
             let at = renderer.camera().project_world(MIDDLE).unwrap();
             let Picked { point, depth_mm, .. } = renderer.pick(at).unwrap();
@@ -123,7 +123,7 @@ fn pick_finds_maximum_and_ignores_thin_tissue() {
     for (alpha, is_place) in [(0.002, false), (0.2, true)] {
         let (transfer, light) = fog(alpha, VOXEL_MM);
         let mut renderer =
-            Renderer::new(&RenderSettings { light, ..RenderSettings::new([64, 60], transfer) }, stage).unwrap();
+            Renderer::new(&RenderSettings { light, ..RenderSettings::new([64, 60], transfer) }, region).unwrap();
         renderer.update_all(&volume);
         let at = renderer.camera().project_world(MIDDLE).unwrap();
         let picked = renderer.pick(at);

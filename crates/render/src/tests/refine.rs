@@ -8,8 +8,8 @@ fn from(azimuth: f64, elevation: f64) -> View {
     View { azimuth, elevation, ..View::default() }
 }
 
-fn fresh(settings: &RenderSettings, view: View, volume: &(impl Values + ?Sized), stage: RenderRegion) -> Picture {
-    let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage).unwrap();
+fn fresh(settings: &RenderSettings, view: View, volume: &(impl Values + ?Sized), region: RenderRegion) -> Picture {
+    let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, region).unwrap();
     renderer.update_all(volume);
     renderer.picture()
 }
@@ -22,23 +22,23 @@ fn finish(renderer: &mut Renderer) {
 #[test]
 fn any_order_of_views_and_slices_gives_same_picture() {
     let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_y(0.2);
-    for (n, look) in looks().into_iter().enumerate() {
+    for (n, base) in all_settings().into_iter().enumerate() {
         // Every second case uses adaptive rays.
-        let settings = RenderSettings { adaptive: if n % 2 == 0 { 0.0 } else { 0.01 }, ..look };
-        let (scan, weave, stage) = sweep(36, [Motion::Crossing, Motion::Freehand][n % 2], turned);
-        let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        let settings = RenderSettings { adaptive: if n % 2 == 0 { 0.0 } else { 0.01 }, ..base };
+        let (scan, reconstruction, region) = sweep(36, [Motion::Crossing, Motion::Freehand][n % 2], turned);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        let mut renderer = Renderer::new(&settings, region).unwrap();
         let (mut view, mut steps) = (settings.view, 0);
         let mut compared = 0;
         for frame in 0..scan.frames() {
-            let touched = weaver.insert(&scan.slice(frame)).unwrap();
-            renderer.update(weaver.volume(), &touched.bricks);
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            renderer.update(reconstructor.volume(), &touched.bricks);
             // View changes before and during relighting, during set-up and refinement, and at
             // rest.
             if frame % 5 == 4 {
                 let perspective = (frame % 2 == 0).then_some(30.0);
                 view = View { perspective, ..from(f64::from(frame) * 23.0, f64::from(frame) - 18.0) };
-                renderer.look(view).unwrap();
+                renderer.set_view(view).unwrap();
                 steps = [0, 2, 6, 11, 40, 17][frame as usize / 5 % 6];
             }
             for _ in 0..steps / 4 {
@@ -46,22 +46,26 @@ fn any_order_of_views_and_slices_gives_same_picture() {
             }
             if frame % 9 == 8 {
                 finish(&mut renderer);
-                assert_eq!(renderer.picture(), fresh(&settings, view, weaver.volume(), stage), "{n}, frame {frame}");
+                assert_eq!(
+                    renderer.picture(),
+                    fresh(&settings, view, reconstructor.volume(), region),
+                    "{n}, frame {frame}"
+                );
                 compared += 1;
             }
         }
         finish(&mut renderer);
-        assert_eq!(renderer.picture(), fresh(&settings, view, weaver.volume(), stage), "{n}, at the end");
+        assert_eq!(renderer.picture(), fresh(&settings, view, reconstructor.volume(), region), "{n}, at the end");
         assert!(compared > 2);
         // At rest nothing remains to be done, and the kept rays serve the next slice.
         assert_eq!(renderer.refine(STEP).work, RenderWork::default());
         let before = renderer.work().rays;
         let Some(slice) = scan.slices(0..1).pop() else { unreachable!() };
-        let mut again = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage).unwrap();
-        again.update_all(weaver.volume());
-        let touched = weaver.insert(&slice).map(|touched| touched.bricks.to_vec()).unwrap_or_default();
-        renderer.update(weaver.volume(), &touched);
-        let work = again.update(weaver.volume(), &touched).work;
+        let mut again = Renderer::new(&RenderSettings { view, ..settings.clone() }, region).unwrap();
+        again.update_all(reconstructor.volume());
+        let touched = reconstructor.insert(&slice).map(|touched| touched.bricks.to_vec()).unwrap_or_default();
+        renderer.update(reconstructor.volume(), &touched);
+        let work = again.update(reconstructor.volume(), &touched).work;
         // Adaptive rays that were not needed yet differ in their cached data.
         if settings.adaptive == 0.0 {
             assert_eq!(renderer.work().rays - before, work.rays, "as many rays as a renderer that never turned");
@@ -72,15 +76,17 @@ fn any_order_of_views_and_slices_gives_same_picture() {
 
 #[test]
 fn refinement_error_falls_with_depth() {
-    let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-    scan.slices(0..24).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
-    for (settings, view) in looks().into_iter().zip([from(0.0, 0.0), from(70.0, 10.0), from(200.0, 45.0)]) {
-        let exact = fresh(&settings, view, weaver.volume(), stage);
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
-        renderer.update_all(weaver.volume());
-        let looked = renderer.look(view).unwrap().work;
-        assert!(looked.coarse_rays > 50 && looked.coarse_rays < 150 && looked.rays == 0 && looked.voxels_shaded == 0);
+    let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
+    for (settings, view) in all_settings().into_iter().zip([from(0.0, 0.0), from(70.0, 10.0), from(200.0, 45.0)]) {
+        let exact = fresh(&settings, view, reconstructor.volume(), region);
+        let mut renderer = Renderer::new(&settings, region).unwrap();
+        renderer.update_all(reconstructor.volume());
+        let changed = renderer.set_view(view).unwrap().work;
+        assert!(
+            changed.coarse_rays > 50 && changed.coarse_rays < 150 && changed.rays == 0 && changed.voxels_shaded == 0
+        );
         let rms = |renderer: &Renderer| exact.difference(&renderer.picture())[1];
         let mut errors = vec![rms(&renderer)];
         let nothing = Picture { pixels: vec![[0.0, 0.0, 0.0, 1.0]; exact.pixels.len()], ..exact.clone() };
@@ -104,31 +110,31 @@ fn refinement_error_falls_with_depth() {
 
 #[test]
 fn slice_during_refinement_restarts_only_its_regions() {
-    let (scan, weave, stage) = sweep(24, Motion::Parallel, DMat3::IDENTITY);
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
+    let (scan, reconstruction, region) = sweep(24, Motion::Parallel, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
     let settings = RenderSettings { view: from(90.0, 0.0), ..RenderSettings::new([96, 96], tissue()) };
-    let mut renderer = Renderer::new(&settings, stage).unwrap();
+    let mut renderer = Renderer::new(&settings, region).unwrap();
     for frame in 0..23 {
-        let touched = weaver.insert(&scan.slice(frame)).unwrap();
-        renderer.update(weaver.volume(), &touched.bricks);
+        let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+        renderer.update(reconstructor.volume(), &touched.bricks);
     }
-    renderer.look(from(90.0, 3.0)).unwrap();
+    renderer.set_view(from(90.0, 3.0)).unwrap();
     while renderer.refine(STEP).spacing > 2 {}
     let before = renderer.picture();
-    let touched = weaver.insert(&scan.slice(23)).unwrap();
-    let work = renderer.update(weaver.volume(), &touched.bricks).work;
+    let touched = reconstructor.insert(&scan.slice(23)).unwrap();
+    let work = renderer.update(reconstructor.volume(), &touched.bricks).work;
     assert!(work.rays > 0 && work.regions > 0 && work.regions < 12 * 12 / 2, "{work:?}");
     let same = before.pixels.iter().zip(&renderer.picture().pixels).filter(|(a, b)| a == b).count();
     assert!(same > 96 * 96 / 2 && work.pixels_changed as usize <= 96 * 96 - same, "{same}");
     finish(&mut renderer);
-    assert_eq!(renderer.picture(), fresh(&settings, from(90.0, 3.0), weaver.volume(), stage));
+    assert_eq!(renderer.picture(), fresh(&settings, from(90.0, 3.0), reconstructor.volume(), region));
 }
 
 #[test]
 fn fixed_light_is_kept_for_new_view() {
-    let (scan, weave, stage) = sweep(12, Motion::Freehand, DMat3::IDENTITY);
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-    scan.slices(0..12).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
+    let (scan, reconstruction, region) = sweep(12, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    scan.slices(0..12).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
     let view = from(60.0, 10.0);
     let parts = |diffuse, specular| Light::default().with_parts(0.3, diffuse, specular, 4).unwrap();
     let sun = light::Source::Fixed(DVec3::new(1.0, -1.0, 2.0));
@@ -141,70 +147,70 @@ fn fixed_light_is_kept_for_new_view() {
         (parts(0.0, 0.0).with_depth_cue(Some(cue)), true),
     ] {
         let settings = RenderSettings { light, ..RenderSettings::new([64, 64], tissue()) };
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
-        let all = renderer.update_all(weaver.volume()).work.voxels_shaded;
-        renderer.look(view).unwrap();
+        let mut renderer = Renderer::new(&settings, region).unwrap();
+        let all = renderer.update_all(reconstructor.volume()).work.voxels_shaded;
+        renderer.set_view(view).unwrap();
         let shaded = renderer.refine(Duration::from_secs(3600)).work.voxels_shaded;
         assert!(if again { shaded > 0 && shaded <= all } else { shaded == 0 }, "{light:?}: {shaded} of {all}");
-        assert_eq!(renderer.picture(), fresh(&settings, view, weaver.volume(), stage), "{light:?}");
+        assert_eq!(renderer.picture(), fresh(&settings, view, reconstructor.volume(), region), "{light:?}");
     }
 }
 
 #[test]
 fn hidden_view_does_nothing_then_catches_up() {
-    let (scan, weave, stage) = sweep(20, Motion::Freehand, DMat3::IDENTITY);
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
+    let (scan, reconstruction, region) = sweep(20, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
     let settings = RenderSettings::new([64, 64], tissue());
-    let mut renderer = Renderer::new(&settings, stage).unwrap();
-    let weave = |frames: std::ops::Range<u32>, weaver: &mut PathReconstructor, renderer: &mut Renderer| {
+    let mut renderer = Renderer::new(&settings, region).unwrap();
+    let insert = |frames: std::ops::Range<u32>, reconstructor: &mut PathReconstructor, renderer: &mut Renderer| {
         for frame in frames {
-            let touched = weaver.insert(&scan.slice(frame)).unwrap();
-            renderer.update(weaver.volume(), &touched.bricks);
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            renderer.update(reconstructor.volume(), &touched.bricks);
         }
     };
-    weave(0..8, &mut weaver, &mut renderer);
+    insert(0..8, &mut reconstructor, &mut renderer);
     let (work, picture) = (renderer.work(), renderer.picture());
-    renderer.look_away();
-    weave(8..14, &mut weaver, &mut renderer);
+    renderer.hide();
+    insert(8..14, &mut reconstructor, &mut renderer);
     assert_eq!((renderer.work(), renderer.picture()), (work, picture));
-    assert!(renderer.look_back(weaver.volume()).work.bricks_changed > 0);
-    assert_eq!(renderer.picture(), fresh(&settings, settings.view, weaver.volume(), stage));
+    assert!(renderer.show(reconstructor.volume()).work.bricks_changed > 0);
+    assert_eq!(renderer.picture(), fresh(&settings, settings.view, reconstructor.volume(), region));
     // Nor for a new view.
     let work = renderer.work();
-    renderer.look_away();
+    renderer.hide();
     let view = from(45.0, 45.0);
-    renderer.look(view).unwrap();
-    weave(14..20, &mut weaver, &mut renderer);
+    renderer.set_view(view).unwrap();
+    insert(14..20, &mut reconstructor, &mut renderer);
     assert!(!renderer.refine(Duration::from_secs(1)).finished);
     assert_eq!(renderer.work(), work);
-    renderer.look_back(weaver.volume());
-    assert_eq!(renderer.look_back(weaver.volume()).work, RenderWork::default(), "somebody looks already");
+    renderer.show(reconstructor.volume());
+    assert_eq!(renderer.show(reconstructor.volume()).work, RenderWork::default(), "the view is visible already");
     finish(&mut renderer);
-    assert_eq!(renderer.picture(), fresh(&settings, view, weaver.volume(), stage));
+    assert_eq!(renderer.picture(), fresh(&settings, view, reconstructor.volume(), region));
 }
 
 #[test]
 fn invalid_or_same_view_changes_nothing() {
-    let (scan, weave, stage) = sweep(6, Motion::Freehand, DMat3::IDENTITY);
-    let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
-    scan.slices(0..6).iter().for_each(|slice| drop(weaver.insert(slice).unwrap()));
+    let (scan, reconstruction, region) = sweep(6, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    scan.slices(0..6).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
     let settings = RenderSettings::new([64, 64], tissue());
-    let mut renderer = Renderer::new(&settings, stage).unwrap();
-    renderer.update_all(weaver.volume());
+    let mut renderer = Renderer::new(&settings, region).unwrap();
+    renderer.update_all(reconstructor.volume());
     let (work, picture) = (renderer.work(), renderer.picture());
-    assert!(renderer.look(from(f64::NAN, 0.0)).is_err());
-    assert_eq!(renderer.look(settings.view).unwrap().work, RenderWork::default());
+    assert!(renderer.set_view(from(f64::NAN, 0.0)).is_err());
+    assert_eq!(renderer.set_view(settings.view).unwrap().work, RenderWork::default());
     assert!(renderer.refine(STEP).finished);
     assert_eq!((renderer.work(), renderer.picture()), (work, picture));
     // If a cache is too large for one view, the next view chooses it again.
     let wide = from(45.0, 35.0);
     let bytes = |view| {
         let settings = RenderSettings { view, ..settings.clone() };
-        Renderer::new(&settings, stage).unwrap().memory().rays
+        Renderer::new(&settings, region).unwrap().memory().rays
     };
     let (front, corner) = (bytes(settings.view), bytes(wide));
     assert_ne!(front, corner);
-    renderer.look(wide).unwrap();
+    renderer.set_view(wide).unwrap();
     finish(&mut renderer);
     assert_eq!(renderer.memory().rays, corner);
 }

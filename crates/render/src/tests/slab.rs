@@ -12,26 +12,26 @@ fn same(a: &Picture, b: &Picture) -> bool {
 fn slab_update_changes_no_bit_on_either_path() {
     let xray = Transfer::preset("xray", [0.0, 255.0]).unwrap();
     for (planar, motion) in [(false, Motion::Freehand), (false, Motion::Crossing), (true, Motion::Jittered)] {
-        for settings in looks().into_iter().take(3) {
-            let (scan, weave, stage) = sweep(14, motion, DMat3::IDENTITY);
+        for settings in all_settings().into_iter().take(3) {
+            let (scan, reconstruction, region) = sweep(14, motion, DMat3::IDENTITY);
             let mask = scan.mask().clone();
-            let mut weaver = match planar {
-                true => PathReconstructor::planar(weave, PlanarSettings::default(), mask).unwrap(),
-                false => PathReconstructor::general(weave, mask).unwrap(),
+            let mut reconstructor = match planar {
+                true => PathReconstructor::planar(reconstruction, PlanarSettings::default(), mask).unwrap(),
+                false => PathReconstructor::general(reconstruction, mask).unwrap(),
             };
             let settings = RenderSettings { transfer: xray.clone(), ..settings };
             let mut renderers: Option<[Renderer; 2]> = None;
             for frame in 0..scan.frames() {
-                let touched = weaver.insert(&scan.slice(frame)).unwrap();
+                let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
                 let slab = touched.slab.expect("the slice lies somewhere");
-                let [low, high] = stage.bounds();
-                let stage = RenderRegion::new(weaver.world_from_lattice(), low, high).unwrap();
+                let [low, high] = region.bounds();
+                let region = RenderRegion::new(reconstructor.world_from_lattice(), low, high).unwrap();
                 let [by_slab, by_boxes] = renderers.get_or_insert_with(|| {
-                    [Renderer::new(&settings, stage).unwrap(), Renderer::new(&settings, stage).unwrap()]
+                    [Renderer::new(&settings, region).unwrap(), Renderer::new(&settings, region).unwrap()]
                 });
                 // A debug assertion inside checks that the slab holds each changed voxel.
-                by_slab.update_within(weaver.volume(), &touched.bricks, &slab);
-                by_boxes.update(weaver.volume(), &touched.bricks);
+                by_slab.update_within(reconstructor.volume(), &touched.bricks, &slab);
+                by_boxes.update(reconstructor.volume(), &touched.bricks);
                 assert!(
                     same(&by_slab.picture(), &by_boxes.picture()),
                     "frame {frame}, {motion:?}, {:?}",
@@ -67,8 +67,8 @@ fn stale_samples_behind_plate_update_when_it_goes() {
     };
     for cache in [Cache::TwoLevel, Cache::Linear, Cache::OneLevel] {
         let settings = RenderSettings { cache, ..RenderSettings::new([48, 48], transfer.clone()) };
-        let stage = RenderRegion::new(half_mm(), [0; 3], [39, 63, 39]).unwrap();
-        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        let region = RenderRegion::new(half_mm(), [0; 3], [39, 63, 39]).unwrap();
+        let mut renderer = Renderer::new(&settings, region).unwrap();
         renderer.update_all(&scene(true, 8, 150.0));
         let before = renderer.picture();
         // A wide change, then a narrower one that must not discard the first.
@@ -80,7 +80,7 @@ fn stale_samples_behind_plate_update_when_it_goes() {
         assert!(same(&before, &renderer.picture()));
         let gone = scene(false, 3, 160.0);
         renderer.update_all(&gone);
-        let mut whole = Renderer::new(&settings, stage).unwrap();
+        let mut whole = Renderer::new(&settings, region).unwrap();
         whole.update_all(&gone);
         assert!(same(&renderer.picture(), &whole.picture()), "{cache:?}");
         assert!(whole.picture().pixels.iter().filter(|p| p[3] < 0.9).count() > 20);

@@ -64,7 +64,7 @@ pub(super) struct Device {
     pub(super) wraps_at: Option<u64>,
     pub(super) first_tick: u64,
     /// Whether the clock is given the rate.
-    pub(super) told: bool,
+    pub(super) stated: bool,
 }
 
 /// Known delay.
@@ -82,7 +82,7 @@ impl Device {
         loss: 0.001,
         wraps_at: Some(1 << 32),
         first_tick: 1000,
-        told: true,
+        stated: true,
     };
     pub(super) const FASTRAK: Self =
         Self { ticks: Ticks::None, hz: 60.0, tick_hz: 60.0, wraps_at: None, first_tick: 0, ..Self::LIBERTY };
@@ -92,9 +92,9 @@ impl Device {
     pub(super) fn settings(&self) -> ClockSettings {
         let timing = Timing {
             ticks: self.ticks,
-            tick_hz: (self.told && self.ticks != Ticks::None).then_some(self.tick_hz),
+            tick_hz: (self.stated && self.ticks != Ticks::None).then_some(self.tick_hz),
             wraps_at: self.wraps_at,
-            rate_hz: self.told.then_some(self.tick_hz),
+            rate_hz: self.stated.then_some(self.tick_hz),
             sampling_ns: DELAY_NS / 2,
             wire_ns: DELAY_NS / 4,
         };

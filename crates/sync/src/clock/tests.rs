@@ -200,18 +200,18 @@ fn rate_far_from_nominal_found() {
             assert!((drift - ppm).abs() < 30.0 && error.abs() < 1.0, "{name}: {drift} {error}");
         }
     }
-    let untold = Device { told: false, drift_ppm: 0.0, ..Device::LIBERTY };
-    let run = Run::of(untold.settings(), &untold.samples(60));
-    check("an untold rate", &run);
-    let untold = Device { told: false, drift_ppm: 0.0, loss: 0.0, ..Device::FASTRAK };
-    let run = Run::of(untold.settings(), &untold.samples(60));
+    let unstated = Device { stated: false, drift_ppm: 0.0, ..Device::LIBERTY };
+    let run = Run::of(unstated.settings(), &unstated.samples(60));
+    check("an unstated rate", &run);
+    let unstated = Device { stated: false, drift_ppm: 0.0, loss: 0.0, ..Device::FASTRAK };
+    let run = Run::of(unstated.settings(), &unstated.samples(60));
     check("neither rate nor ticks", &run);
 }
 
 #[test]
 fn initial_buffered_records_give_no_rate() {
-    for (told, hz) in [(true, 60.0), (true, 120.0), (false, 120.0)] {
-        let device = Device { told, hz, tick_hz: hz, loss: 0.0, ..Device::FASTRAK };
+    for (stated, hz) in [(true, 60.0), (true, 120.0), (false, 120.0)] {
+        let device = Device { stated, hz, tick_hz: hz, loss: 0.0, ..Device::FASTRAK };
         for held in [2, 5, 9, 15, 16, 17, 25, 32, 40, 146] {
             let mut samples = device.samples(40);
             let read_ns = samples[held].host_ns;
@@ -221,10 +221,10 @@ fn initial_buffered_records_give_no_rate() {
             let mut run = Run::of(device.settings(), &samples);
             // The time that they spent in the buffer is unknown.
             run.timed.drain(..held);
-            let name = format!("{held} records of {hz} Hz at once, {}", if told { "told" } else { "untold" });
+            let name = format!("{held} records of {hz} Hz at once, {}", if stated { "stated" } else { "unstated" });
             check(&name, &run);
             let [locked, _] = run.within(State::Locked);
-            assert!(locked as f64 > if told { 34.0 } else { 30.0 } * hz, "{name}: {locked}");
+            assert!(locked as f64 > if stated { 34.0 } else { 30.0 } * hz, "{name}: {locked}");
             let last = run.timed.last().unwrap();
             assert!((last.1.time_ns - last.0.true_ns).abs() < MS, "{name}");
         }

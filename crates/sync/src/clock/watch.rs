@@ -24,7 +24,7 @@ const DOUBTED_NS: i64 = 300_000_000;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Watch {
     now_ns: Option<i64>,
-    heard_ns: Option<i64>,
+    received_ns: Option<i64>,
     /// Time of the last timely sample.
     timely_ns: Option<i64>,
     /// Time since which they arrive without a pause.
@@ -38,7 +38,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Begins an epoch.
     pub(super) fn begin(&mut self) {
-        *self = Self { now_ns: self.now_ns, heard_ns: self.heard_ns, ..Self::default() };
+        *self = Self { now_ns: self.now_ns, received_ns: self.received_ns, ..Self::default() };
     }
 
     /// Advances the time.
@@ -50,7 +50,7 @@ impl Watch {
     pub(super) fn sample(&mut self, at_ns: i64, late_ns: i64, doubt: &ClockUncertainty) {
         self.pass(at_ns);
         let now_ns = self.now_ns();
-        self.heard_ns = Some(now_ns);
+        self.received_ns = Some(now_ns);
         self.latest_ns = self.latest_ns.max(late_ns);
         let is_timely = doubt.spread_ns >= UNKNOWN_NS || late_ns <= 2 * doubt.spread_ns + BAND_NS;
         if !is_timely {
@@ -78,7 +78,7 @@ impl Watch {
 
     /// Whether nothing was received for long.
     pub(super) fn is_silent(&self) -> bool {
-        self.heard_ns.is_some_and(|heard| self.now_ns().saturating_sub(heard) > LOST_NS)
+        self.received_ns.is_some_and(|received| self.now_ns().saturating_sub(received) > LOST_NS)
     }
 
     /// Amount to add to a bound because no timely sample confirms the clock, ns.

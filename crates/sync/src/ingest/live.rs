@@ -108,7 +108,7 @@ struct Axes {
     counts: [[Option<Count>; 2]; AXES],
     /// Reason for which an axis' count must not be used.
     invalid: [Option<Cow<'static, str>>; AXES],
-    told_ns: Option<i64>,
+    last_ns: Option<i64>,
 }
 
 /// The record of a station.
@@ -129,7 +129,7 @@ pub struct LiveIngest {
     clocks: Vec<ClockMap>,
     axes: Axes,
     /// The record received last.
-    heard: Option<StationRecord>,
+    received: Option<StationRecord>,
     ingest: Ingest,
     refused: u64,
 }
@@ -144,7 +144,7 @@ impl LiveIngest {
             latency_ns,
             clocks: Vec::new(),
             axes: Axes::default(),
-            heard: None,
+            received: None,
             ingest: Ingest::new(),
             refused: 0,
         };
@@ -264,7 +264,7 @@ impl LiveIngest {
     /// Returns the time at which a source's pose was measured.
     fn measured(&mut self, source: usize, stamp: &Stamp) -> Result<Timed, Refusal> {
         let host_ns = received(stamp)?;
-        let last = self.heard;
+        let last = self.received;
         let before = self.sent_before(source, host_ns, stamp.ticks);
         let waited_ns = self.timing.wire_ns.saturating_mul(before);
         let counts = self.timing.ticks != Ticks::None;
@@ -286,8 +286,9 @@ impl LiveIngest {
             Some(_) => last.ticks == ticks,
             None => host_ns.saturating_sub(last.host_ns) < cycle_ns / 2,
         };
-        let before = self.heard.filter(|last| last.source < source && is_same(last)).map_or(0, |last| last.before + 1);
-        self.heard = Some(StationRecord { source, host_ns, ticks, before });
+        let before =
+            self.received.filter(|last| last.source < source && is_same(last)).map_or(0, |last| last.before + 1);
+        self.received = Some(StationRecord { source, host_ns, ticks, before });
         before
     }
 
@@ -339,7 +340,7 @@ impl Axes {
     fn together(&mut self, joints: usize) -> Option<(Count, [f64; AXES])> {
         let newest = self.counts[..joints].iter().map(|counts| counts[1].map(|count| count.time_ns));
         let time_ns = newest.min().flatten()?;
-        if self.told_ns.is_some_and(|told| told >= time_ns) {
+        if self.last_ns.is_some_and(|last| last >= time_ns) {
             return None;
         }
         let mut at = Count { time_ns, bound_ns: 0, flags: TimeFlags::NONE, count: 0.0 };
@@ -360,7 +361,7 @@ impl Axes {
             *value = first.count + share * (last.count - first.count);
             (at.bound_ns, at.flags) = (at.bound_ns.max(first.bound_ns), at.flags | first.flags);
         }
-        self.told_ns = Some(time_ns);
+        self.last_ns = Some(time_ns);
         Some((at, values))
     }
 }

@@ -145,9 +145,9 @@ fn range_and_box_from_header_if_plausible() {
 #[test]
 fn unusable_file_refused_with_reason() {
     let files = Files::new();
-    let fails = |path: &Path, weights: Option<&Path>, limit: u64, says: &[&str]| {
+    let fails = |path: &Path, weights: Option<&Path>, limit: u64, text: &[&str]| {
         let sentence = DenseVolume::open(path, weights, limit).unwrap_err().to_string();
-        for part in says {
+        for part in text {
             assert!(sentence.contains(part), "{sentence} does not say {part}");
         }
     };

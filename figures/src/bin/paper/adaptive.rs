@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use render::RenderSettings;
 
@@ -29,18 +29,23 @@ const SIDES: [u32; 2] = [256, 512];
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<(), Box<dyn Error>> {
     let found = SIDES.map(|side| sparse(report, doll, side));
     let mut panels = [Vec::new(), Vec::new()];
-    let mut told = Vec::new();
-    for ((side, found), (look, ink)) in
-        SIDES.into_iter().zip(found).zip([(Look::Discs, Ink::Blue), (Look::Squares, Ink::Vermilion)])
+    let mut summaries = Vec::new();
+    for ((side, found), (view_settings, ink)) in
+        SIDES.into_iter().zip(found).zip([(SeriesStyle::Discs, Ink::Blue), (SeriesStyle::Squares, Ink::Vermilion)])
     {
         let found = found?;
         let line = |of: fn(&Sparse) -> f64| -> Vec<[f64; 2]> {
             LEVELS.iter().zip(&found).map(|(level, sparse)| [f64::from(*level), of(sparse)]).collect()
         };
-        panels[0].push(Series::new(format!("{side}×{side} pixels"), look, ink, line(|of| 100.0 * of.rays)));
-        panels[1].push(Series::new(format!("{side}×{side} pixels"), look, ink, line(|of| of.rms)));
-        panels[1].push(Series::new(format!("{side}×{side} pixels, largest"), Look::Dashed, ink, line(|of| of.most)));
-        let told_of = |level: f32| {
+        panels[0].push(Series::new(format!("{side}×{side} pixels"), view_settings, ink, line(|of| 100.0 * of.rays)));
+        panels[1].push(Series::new(format!("{side}×{side} pixels"), view_settings, ink, line(|of| of.rms)));
+        panels[1].push(Series::new(
+            format!("{side}×{side} pixels, largest"),
+            SeriesStyle::Dashed,
+            ink,
+            line(|of| of.most),
+        ));
+        let summary = |level: f32| {
             LEVELS
                 .iter()
                 .zip(&found)
@@ -55,9 +60,9 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<()
                 })
                 .collect::<String>()
         };
-        told.push(format!("{side}×{side} pixels: {}, {}", told_of(2.0), told_of(8.0)));
+        summaries.push(format!("{side}×{side} pixels: {}, {}", summary(2.0), summary(8.0)));
     }
-    panels[1].push(Series::new("ε", Look::Dotted, Ink::Grey, vec![[0.2, 0.2], [10.0, 10.0]]));
+    panels[1].push(Series::new("ε", SeriesStyle::Dotted, Ink::Grey, vec![[0.2, 0.2], [10.0, 10.0]]));
     let [rays, errors] = panels;
     let x = || Axis::log("ε, grey levels of 255").from_to(0.2, 10.0);
     let figure = Figure {
@@ -75,7 +80,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<()
     };
     report.claim(
         ["C16", "image-adaptive rays (Levoy 1990)", "the density of rays follows the change of the image; no count"],
-        format!("{}; ε = 0 is every ray", told.join("; ")),
+        format!("{}; ε = 0 is every ray", summaries.join("; ")),
         true,
         ["confirmed; every picture is the bits of one made at once", ""],
     );
@@ -84,14 +89,14 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<()
 
 /// Measures error and rays of each ε, for one picture size.
 fn sparse(report: &mut Report, doll: &Doll, side: u32) -> Result<Vec<Sparse>, Box<dyn Error>> {
-    let look = RenderSettings { size: [side; 2], ..doll.look.clone() };
-    let (exact, all) = doll.at_once(&look)?;
+    let view_settings = RenderSettings { size: [side; 2], ..doll.view_settings.clone() };
+    let (exact, all) = doll.at_once(&view_settings)?;
     let mut found: Vec<Sparse> = Vec::new();
     for level in LEVELS {
-        let look = RenderSettings { adaptive: level / 255.0, ..look.clone() };
-        let (picture, work) = doll.at_once(&look)?;
-        if look.size == doll.look.size {
-            let followed = doll.follow(&look)?;
+        let view_settings = RenderSettings { adaptive: level / 255.0, ..view_settings.clone() };
+        let (picture, work) = doll.at_once(&view_settings)?;
+        if view_settings.size == doll.view_settings.size {
+            let followed = doll.follow(&view_settings)?;
             report
                 .check(followed.picture == picture, format!("C16: following with ε = {level}/255 ends in other bits"));
         }

@@ -20,7 +20,7 @@ use crate::reconstructed_volumes::value;
 pub(crate) struct Bedside {
     pub(crate) scan: Scan,
     pub(crate) body: Arc<Body>,
-    pub(crate) weaver: PathReconstructor,
+    pub(crate) reconstructor: PathReconstructor,
     spacing: DVec3,
 }
 
@@ -52,13 +52,13 @@ impl Bedside {
         })?;
         let settings =
             Settings { sigma_mm: [None, None, Some(0.5 * sweep.gap_mm)], threads: 2, ..Settings::new(spacing) };
-        let mut weaver = PathReconstructor::general(settings, scan.mask().clone())?;
+        let mut reconstructor = PathReconstructor::general(settings, scan.mask().clone())?;
         for first in (0..sweep.frames).step_by(8) {
             for slice in scan.slices(first..sweep.frames.min(first + 8)) {
-                weaver.insert(&slice)?;
+                reconstructor.insert(&slice)?;
             }
         }
-        Ok(Self { scan, body, weaver, spacing })
+        Ok(Self { scan, body, reconstructor, spacing })
     }
 
     /// Returns a frame as the scanner shows it.
@@ -71,13 +71,13 @@ impl Bedside {
     }
 
     fn voxel(&self, at: [i64; 3]) -> Option<f64> {
-        value(self.weaver.volume(), at)
+        value(self.reconstructor.volume(), at)
     }
 
     /// Returns the value of the voxel nearest to a position in the body; `None` if unseen.
     pub(crate) fn at(&self, body: DVec3) -> Option<f64> {
         let world = self.body.world_from_body.transform_point3(body);
-        let lattice = self.weaver.world_from_lattice().affine().inverse().transform_point3(world).round();
+        let lattice = self.reconstructor.world_from_lattice().affine().inverse().transform_point3(world).round();
         self.voxel(lattice.to_array().map(|x| x as i64))
     }
 
@@ -107,7 +107,7 @@ impl Bedside {
     /// Returns the volume's x-y slice at a z (mm of the world), as grey levels and as opacities
     /// by a transfer function. Pixels are square.
     pub(crate) fn slice(&self, z_mm: f64, transfer: &Transfer) -> Result<[Raster; 2], Box<dyn Error>> {
-        let (low, high) = self.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
+        let (low, high) = self.reconstructor.volume().seen_bounds().ok_or("nothing was seen")?;
         let z = (z_mm / self.spacing.z).round() as i64;
         let pixel = self.spacing.x.min(self.spacing.y);
         let length = |axis: usize| (((high[axis] - low[axis]) as f64 * self.spacing[axis] / pixel) as i64).max(1);
@@ -128,23 +128,23 @@ impl Bedside {
 
     /// Returns the render region: the seen box, limited to depths `y_mm` of the body, so that
     /// nothing in front or behind hides it.
-    pub(crate) fn stage(&self, y_mm: [f64; 2]) -> Result<RenderRegion, Box<dyn Error>> {
-        let (mut low, mut high) = self.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
+    pub(crate) fn region(&self, y_mm: [f64; 2]) -> Result<RenderRegion, Box<dyn Error>> {
+        let (mut low, mut high) = self.reconstructor.volume().seen_bounds().ok_or("nothing was seen")?;
         let world = y_mm.map(|y| self.body.world_from_body.transform_point3(DVec3::new(0.0, y, 0.0)).y);
         low[1] = low[1].max((world[0] / self.spacing.y).ceil() as i64);
         high[1] = high[1].min((world[1] / self.spacing.y).floor() as i64);
-        Ok(RenderRegion::new(self.weaver.world_from_lattice(), low, high)?)
+        Ok(RenderRegion::new(self.reconstructor.world_from_lattice(), low, high)?)
     }
 
     /// Renders the volume.
     pub(crate) fn rendered(
         &self,
-        stage: RenderRegion,
+        region: RenderRegion,
         view: View,
         mode: Mode,
         transfer: &Transfer,
     ) -> Result<Picture, Box<dyn Error>> {
-        let look = RenderSettings {
+        let view_settings = RenderSettings {
             view,
             mode,
             cache: Cache::None,
@@ -152,28 +152,28 @@ impl Bedside {
             threads: 2,
             ..RenderSettings::new([320; 2], transfer.clone())
         };
-        let mut renderer = Renderer::new(&look, stage)?;
-        renderer.update_all(self.weaver.volume());
+        let mut renderer = Renderer::new(&view_settings, region)?;
+        renderer.update_all(self.reconstructor.volume());
         Ok(renderer.picture())
     }
 
-    /// Returns for each ray of a rendered picture whether it meets a solid of a material that
-    /// `wanted` accepts, according to the body.
+    /// Returns for each ray of a rendered picture whether it meets a solid of a material whose name
+    /// passes `accepts`, according to the body.
     pub(crate) fn met(
         &self,
-        stage: &RenderRegion,
+        region: &RenderRegion,
         view: &View,
-        wanted: impl Fn(&str) -> bool,
+        accepts: impl Fn(&str) -> bool,
     ) -> Result<Vec<bool>, Box<dyn Error>> {
-        let camera = Camera::new(view, [320; 2], 0.5, stage)?;
-        let body_from_stage = self.body.world_from_body.inverse() * stage.world_from_stage();
+        let camera = Camera::new(view, [320; 2], 0.5, region)?;
+        let body_from_stage = self.body.world_from_body.inverse() * region.world_from_region();
         let (mut met, mut passages) = (Met::with_room_for(&self.body), Vec::new());
         let mut hit = |i: u32, j: u32| {
             let ray = camera.ray(i, j);
             let origin = body_from_stage.transform_point3(ray.base);
             let direction = body_from_stage.transform_vector3(ray.step).normalize();
             self.body.trace(origin, direction, 1e3, &mut met, &mut passages);
-            passages.iter().any(|p: &Passage| wanted(self.body.materials[usize::from(p.to)].name))
+            passages.iter().any(|p: &Passage| accepts(self.body.materials[usize::from(p.to)].name))
         };
         Ok((0..320).flat_map(|j| (0..320).map(move |i| (i, j))).map(|(i, j)| hit(i, j)).collect())
     }

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use render::camera::Camera;
 use render::{Cache, Picture, RenderSettings, RenderWork};
@@ -37,10 +37,10 @@ const TABLE_BYTES: u64 = 16;
 
 /// Draws all three figures.
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll, rounds: u32) -> Result<(), Box<dyn Error>> {
-    let (exact, _) = doll.at_once(&doll.look)?;
-    let looks = |adaptive| KEPT.map(|cache| RenderSettings { cache, adaptive, ..doll.look.clone() });
-    let followed = follow_all(doll, &[looks(0.0), looks(EPSILON)].concat(), rounds)?;
-    let (sparse, _) = doll.at_once(&RenderSettings { adaptive: EPSILON, ..doll.look.clone() })?;
+    let (exact, _) = doll.at_once(&doll.view_settings)?;
+    let all_settings = |adaptive| KEPT.map(|cache| RenderSettings { cache, adaptive, ..doll.view_settings.clone() });
+    let followed = follow_all(doll, &[all_settings(0.0), all_settings(EPSILON)].concat(), rounds)?;
+    let (sparse, _) = doll.at_once(&RenderSettings { adaptive: EPSILON, ..doll.view_settings.clone() })?;
     let (full, adaptive) = followed.split_at(KEPT.len());
     for (exact, followed) in [(&exact, full), (&sparse, adaptive)] {
         for (cache, runs) in KEPT.iter().zip(followed) {
@@ -54,11 +54,11 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll, rounds: u32)
 }
 
 /// Runs every setting in every round.
-fn follow_all(doll: &Doll, looks: &[RenderSettings], rounds: u32) -> Result<Vec<Vec<Followed>>, Box<dyn Error>> {
-    let mut followed: Vec<Vec<Followed>> = looks.iter().map(|_| Vec::new()).collect();
+fn follow_all(doll: &Doll, all_settings: &[RenderSettings], rounds: u32) -> Result<Vec<Vec<Followed>>, Box<dyn Error>> {
+    let mut followed: Vec<Vec<Followed>> = all_settings.iter().map(|_| Vec::new()).collect();
     for _ in 0..rounds {
-        for (look, runs) in looks.iter().zip(&mut followed) {
-            runs.push(doll.follow(look)?);
+        for (view_settings, runs) in all_settings.iter().zip(&mut followed) {
+            runs.push(doll.follow(view_settings)?);
         }
     }
     Ok(followed)
@@ -90,7 +90,7 @@ fn stages(report: &mut Report, folder: &Path, followed: &[Vec<Followed>]) -> Res
                 let ms: Vec<f64> = runs.iter().map(|run| run.ms[slice][stage]).collect();
                 [slice as f64 + 1.0, quantile(&ms, 0.5)]
             };
-            Series::new(*name, Look::Line, *ink, (0..slices).map(at).collect())
+            Series::new(*name, SeriesStyle::Line, *ink, (0..slices).map(at).collect())
         });
         let title = if KEPT[c] == Cache::None { "no ray cache" } else { "2-level ray cache" };
         let x = Axis::linear("slice").from_to(0.0, slices as f64 + 1.0);
@@ -197,10 +197,10 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
     let bytes: Vec<u64> = followed.iter().filter_map(|runs| Some(runs.first()?.memory.rays)).collect();
     let arity = followed.first().and_then(|runs| Some(u64::from(runs.first()?.arity))).ok_or("nothing was followed")?;
     let [none, one, linear, two] = bytes[..] else { return Err("four caches are followed".into()) };
-    let camera = Camera::new(&doll.look.view, doll.look.size, doll.look.step, &doll.stage)?;
+    let camera = Camera::new(&doll.view_settings.view, doll.view_settings.size, doll.view_settings.step, &doll.region)?;
     // Samples reach one voxel beyond the region's, where it fades.
-    let [rays, samples] = meeting(&camera, within(&doll.stage, 1.01));
-    let [width, height] = doll.look.size.map(u64::from);
+    let [rays, samples] = meeting(&camera, within(&doll.region, 1.01));
+    let [width, height] = doll.view_settings.size.map(u64::from);
     let tables = TABLE_BYTES * width * height;
     // N samples lie in N/p blocks, plus parts of two more if they do not begin and end with one.
     let blocks = [samples / arity, samples / arity + 2 * rays];
@@ -243,22 +243,22 @@ fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, round
     let (mut times, mut counts) = (Vec::new(), Vec::new());
     let mut best = [0; 2];
     let (mut usual, mut length) = (0, 0.0);
-    for (c, (cache, look, ink)) in
-        [(Cache::TwoLevel, Look::Discs, Ink::Blue), (Cache::OneLevel, Look::Squares, Ink::Vermilion)]
+    for (c, (cache, view_settings, ink)) in
+        [(Cache::TwoLevel, SeriesStyle::Discs, Ink::Blue), (Cache::OneLevel, SeriesStyle::Squares, Ink::Vermilion)]
             .into_iter()
             .enumerate()
     {
         // A different block size changes the bits of a picture, by rounding: each is compared
         // with its own.
-        let looks: Vec<RenderSettings> =
-            ARITIES.iter().map(|p| RenderSettings { cache, arity: Some(*p), ..doll.look.clone() }).collect();
-        let followed = follow_all(doll, &looks, rounds)?;
-        for (look, runs) in looks.iter().zip(&followed) {
-            let (own, _) = doll.at_once(look)?;
-            same_bits(report, &own, runs, &format!("{} of {:?} samples", name(cache), look.arity));
+        let all_settings: Vec<RenderSettings> =
+            ARITIES.iter().map(|p| RenderSettings { cache, arity: Some(*p), ..doll.view_settings.clone() }).collect();
+        let followed = follow_all(doll, &all_settings, rounds)?;
+        for (view_settings, runs) in all_settings.iter().zip(&followed) {
+            let (own, _) = doll.at_once(view_settings)?;
+            same_bits(report, &own, runs, &format!("{} of {:?} samples", name(cache), view_settings.arity));
             // Each ray may end up to a block later, and so differ by up to the stop threshold.
             let [most, _] = own.difference(exact);
-            report.check(most <= f64::from(look.stop) + 1e-5, format!("C13: {most} between arities"));
+            report.check(most <= f64::from(view_settings.stop) + 1e-5, format!("C13: {most} between arities"));
         }
         let operations = |runs: &[Followed], p: u32| {
             let work = work(runs);
@@ -274,11 +274,11 @@ fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, round
         best[c] = least[0] as u32;
         let line = |y: usize| points.iter().map(|p| [p[0], p[y]]).collect::<Vec<_>>();
         for (series, y) in [(&mut times, 1), (&mut counts, 2)] {
-            series.push(Series::new(name(cache), Look::Line, ink, line(y)).unlisted());
-            series.push(Series::new(name(cache), look, ink, line(y)));
+            series.push(Series::new(name(cache), SeriesStyle::Line, ink, line(y)).unlisted());
+            series.push(Series::new(name(cache), view_settings, ink, line(y)));
         }
         if cache == Cache::TwoLevel {
-            let mut plain = render::Renderer::new(&doll.look, doll.stage)?;
+            let mut plain = render::Renderer::new(&doll.view_settings, doll.region)?;
             plain.update_all(doll.whole.volume());
             usual = plain.arity();
             length = f64::from(plain.samples());

@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle, order};
 
 use reconstruct::planar::Departure;
 use reconstruct::{Path as Paths, SettingsError};
@@ -12,7 +12,7 @@ use reconstruct::{Path as Paths, SettingsError};
 use crate::columns_reconstructed::{self, general, refusal, upgrading};
 use crate::report::Report;
 use crate::speed::Agreement;
-use crate::weights::{Coverage, SIZE, apart, weave};
+use crate::weights::{Coverage, SIZE, apart, means};
 
 const VOXEL: &str = "1D + 2D stages, a weight a voxel";
 const COLUMN: &str = "1D + 2D stages, a weight a column";
@@ -22,10 +22,10 @@ const GENERAL: &str = "ours: the general path, which takes over from it";
 /// Draws the comparison. `doll` and `ages` are the differences of both paths on the doll's scan
 /// and under decay.
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f64) -> Result<(), Box<dyn Error>> {
-    let [full, parts, fan] = [Coverage::Full, Coverage::Parts, Coverage::Fan].map(weave);
-    let woven = [full?, parts?, fan?];
-    let columns = woven.each_ref().map(|w| apart(&w.column, &w.direct));
-    let stages = woven.each_ref().map(|w| apart(&w.staged, &w.direct));
+    let [full, parts, fan] = [Coverage::Full, Coverage::Parts, Coverage::Fan].map(means);
+    let reconstructed = [full?, parts?, fan?];
+    let columns = reconstructed.each_ref().map(|w| apart(&w.column, &w.direct));
+    let stages = reconstructed.each_ref().map(|w| apart(&w.staged, &w.direct));
     let worst = stages.into_iter().fold(0.0, f64::max);
     report.check(worst < 1e-12, format!("C10: 1D and 2D stages are {worst} from three dimensions"));
     report.check(columns[0] < 1e-12, format!("C9: one weight a column is {} off under full coverage", columns[0]));
@@ -38,9 +38,9 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f
     let by_general = general(Coverage::Full)?;
     let under_fan = upgrading(Coverage::Fan)?;
     let fan_values = columns_reconstructed::values(&under_fan);
-    let planar_off = apart(&columns_reconstructed::values(&by_planar), &woven[0].direct);
-    let general_off = apart(&columns_reconstructed::values(&by_general), &woven[0].direct);
-    let fan_off = apart(&fan_values, &woven[2].direct);
+    let planar_off = apart(&columns_reconstructed::values(&by_planar), &reconstructed[0].direct);
+    let general_off = apart(&columns_reconstructed::values(&by_general), &reconstructed[0].direct);
+    let fan_off = apart(&fan_values, &reconstructed[2].direct);
     report.check(
         by_planar.path() == Paths::Planar && by_planar.upgraded().is_none(),
         "C9: the planar path gave full coverage away",
@@ -96,7 +96,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f
     );
     // The column with the largest difference is shown.
     let [nx, ny, nz] = SIZE;
-    let fan = &woven[2];
+    let fan = &reconstructed[2];
     let off = |c: usize| apart(&fan.column[c * nz..(c + 1) * nz], &fan.direct[c * nz..(c + 1) * nz]);
     let column =
         (0..nx * ny).filter(|c| c / ny == nx / 2).max_by(|a, b| off(*a).total_cmp(&off(*b))).ok_or("no column")?;
@@ -132,10 +132,10 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f
                 Axis::linear("position along u, voxels").from_to(0.0, nz as f64 - 1.0),
                 Axis::linear("value, grey levels").from_to(0.0, 140.0),
                 vec![
-                    Series::new("three dimensions, pixel by pixel", Look::Line, Ink::Black, profile(&fan.direct)),
-                    Series::new(VOXEL, Look::Dashed, Ink::Blue, profile(&fan.staged)),
-                    Series::new(COLUMN, Look::Squares, Ink::Vermilion, profile(&fan.column)),
-                    Series::new(GENERAL, Look::Crosses, Ink::Purple, profile(&fan_values)),
+                    Series::new("three dimensions, pixel by pixel", SeriesStyle::Line, Ink::Black, profile(&fan.direct)),
+                    Series::new(VOXEL, SeriesStyle::Dashed, Ink::Blue, profile(&fan.staged)),
+                    Series::new(COLUMN, SeriesStyle::Squares, Ink::Vermilion, profile(&fan.column)),
+                    Series::new(GENERAL, SeriesStyle::Crosses, Ink::Purple, profile(&fan_values)),
                 ],
             ),
         ],

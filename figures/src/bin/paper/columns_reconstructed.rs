@@ -48,12 +48,12 @@ fn planar(on_departure: OnDeparture) -> PlanarSettings {
 
 /// Inserts by the general path.
 pub(crate) fn general(coverage: Coverage) -> Result<PathReconstructor, Box<dyn Error>> {
-    weave(PathReconstructor::general(settings(), mask(coverage))?)
+    insert_all(PathReconstructor::general(settings(), mask(coverage))?)
 }
 
 /// Inserts by the planar path, or by the path that takes over from it.
 pub(crate) fn upgrading(coverage: Coverage) -> Result<PathReconstructor, Box<dyn Error>> {
-    weave(PathReconstructor::planar(settings(), planar(OnDeparture::Upgrade), mask(coverage))?)
+    insert_all(PathReconstructor::planar(settings(), planar(OnDeparture::Upgrade), mask(coverage))?)
 }
 
 /// Returns the reason why the planar path refuses the mask, if it does.
@@ -61,12 +61,12 @@ pub(crate) fn refusal(coverage: Coverage) -> Option<SettingsError> {
     PathReconstructor::planar(settings(), planar(OnDeparture::Refuse), mask(coverage)).err()
 }
 
-fn weave(mut weaver: PathReconstructor) -> Result<PathReconstructor, Box<dyn Error>> {
+fn insert_all(mut reconstructor: PathReconstructor) -> Result<PathReconstructor, Box<dyn Error>> {
     let [width, height] = pixels();
     for at in AT {
         let place = |i: u32| [i % width, i / width].map(|i| FIRST + PIXEL * f64::from(i));
         let grey = (0..width * height).map(place).map(|[u, v]| scene([at, v, u]) as f32).collect::<Arc<[f32]>>();
-        weaver.insert(&Slice {
+        reconstructor.insert(&Slice {
             image: Image::new(width, height, Pixels::F32(grey)),
             time_ns: 0,
             world_from_image: Transform::from_affine(DAffine3 {
@@ -75,14 +75,14 @@ fn weave(mut weaver: PathReconstructor) -> Result<PathReconstructor, Box<dyn Err
             }),
         })?;
     }
-    Ok(weaver)
+    Ok(reconstructor)
 }
 
 /// Returns the voxels' values, in the order of [`crate::weights::Means`].
-pub(crate) fn values(weaver: &PathReconstructor) -> Vec<Option<f64>> {
+pub(crate) fn values(reconstructor: &PathReconstructor) -> Vec<Option<f64>> {
     let [nx, ny, nz] = SIZE;
     let voxel = |i: usize| [i / (ny * nz), i / nz % ny, i % nz].map(|x| x as i64);
-    (0..nx * ny * nz).map(|i| value(weaver.volume(), voxel(i))).collect()
+    (0..nx * ny * nz).map(|i| value(reconstructor.volume(), voxel(i))).collect()
 }
 
 #[cfg(test)]
@@ -90,18 +90,18 @@ mod tests {
     use reconstruct::Path;
 
     use super::*;
-    use crate::weights::{apart, weave};
+    use crate::weights::{apart, means};
 
     #[test]
     fn planar_path_equals_3d_sum_and_detects_fan() {
-        let direct = weave(Coverage::Full).unwrap().direct;
-        let woven = upgrading(Coverage::Full).unwrap();
-        let off = apart(&values(&woven), &direct);
-        assert!(woven.path() == Path::Planar && off < 1e-5, "{off}");
+        let direct = means(Coverage::Full).unwrap().direct;
+        let planar_volume = upgrading(Coverage::Full).unwrap();
+        let off = apart(&values(&planar_volume), &direct);
+        assert!(planar_volume.path() == Path::Planar && off < 1e-5, "{off}");
         let general = apart(&values(&general(Coverage::Full).unwrap()), &direct);
         let fan = upgrading(Coverage::Fan).unwrap();
         assert!(fan.path() == Path::General && fan.upgraded().is_some() && refusal(Coverage::Fan).is_some());
-        let off = apart(&values(&fan), &weave(Coverage::Fan).unwrap().direct);
+        let off = apart(&values(&fan), &means(Coverage::Fan).unwrap().direct);
         assert!(values(&fan).iter().flatten().count() > 2000);
         assert!(off < 1e-3 && general < 1e-3, "{off} {general}");
     }

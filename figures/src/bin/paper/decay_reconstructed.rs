@@ -100,8 +100,8 @@ mod tests {
             Rule::Printed { rate: 3.0, wait: 0.0 },
             Rule::Printed { rate: 3.0, wait },
         ] {
-            let (woven, model) = (shift(rule).unwrap(), decay::shift(rule, kernel));
-            assert!((woven - model).abs() < 0.01, "{rule:?}: {woven} where the equations have {model}");
+            let (reconstructed, model) = (shift(rule).unwrap(), decay::shift(rule, kernel));
+            assert!((reconstructed - model).abs() < 0.01, "{rule:?}: {reconstructed} where the equations have {model}");
         }
     }
 }

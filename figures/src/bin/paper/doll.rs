@@ -27,9 +27,9 @@ pub(crate) struct Doll {
     scan: Scan,
     pub(crate) slices: Vec<Slice>,
     pub(crate) whole: PathReconstructor,
-    pub(crate) stage: RenderRegion,
+    pub(crate) region: RenderRegion,
     /// One thread, like the paper.
-    pub(crate) look: RenderSettings,
+    pub(crate) view_settings: RenderSettings,
 }
 
 /// Costs and results of rendering incrementally along a scan.
@@ -58,51 +58,52 @@ impl Doll {
             ..ScanSettings::default()
         })?;
         let slices = scan.slices((SLICES - slices) / 2..(SLICES + slices) / 2);
-        let mut whole = weaver(&scan, 1)?;
+        let mut whole = reconstructor(&scan, 1)?;
         for slice in &slices {
             whole.insert(slice)?;
         }
         let (low, high) = whole.volume().seen_bounds().ok_or("nothing was seen")?;
-        let stage = RenderRegion::new(whole.world_from_lattice(), low, high)?;
-        let look = RenderSettings {
+        let region = RenderRegion::new(whole.world_from_lattice(), low, high)?;
+        let view_settings = RenderSettings {
             view: View { azimuth: 30.0, elevation: 20.0, ..View::default() },
             ..RenderSettings::new(PICTURE, Transfer::preset("phantom", [0.0, 255.0])?)
         };
-        Ok(Self { scan, slices, whole, stage, look })
+        Ok(Self { scan, slices, whole, region, view_settings })
     }
 
-    pub(crate) fn weaver(&self, threads: usize) -> Result<PathReconstructor, Box<dyn Error>> {
-        weaver(&self.scan, threads)
+    pub(crate) fn reconstructor(&self, threads: usize) -> Result<PathReconstructor, Box<dyn Error>> {
+        reconstructor(&self.scan, threads)
     }
 
     /// Returns the picture of all slices, rendered at once without a cache.
-    pub(crate) fn at_once(&self, look: &RenderSettings) -> Result<(Picture, RenderWork), Box<dyn Error>> {
-        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, self.stage)?;
+    pub(crate) fn at_once(&self, view_settings: &RenderSettings) -> Result<(Picture, RenderWork), Box<dyn Error>> {
+        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..view_settings.clone() }, self.region)?;
         let work = renderer.update_all(self.whole.volume()).work;
         Ok((renderer.picture(), work))
     }
 
     /// Inserts slice by slice, and updates the picture after each.
-    pub(crate) fn follow(&self, look: &RenderSettings) -> Result<Followed, Box<dyn Error>> {
-        self.follow_and(look, |_, _, _, _| Ok(()))
+    pub(crate) fn follow(&self, view_settings: &RenderSettings) -> Result<Followed, Box<dyn Error>> {
+        self.follow_and(view_settings, |_, _, _, _| Ok(()))
     }
 
     /// Same as [`Self::follow`]. Calls `after` after each slice with its number, the volume, the
     /// renderer and its work.
     pub(crate) fn follow_and(
         &self,
-        look: &RenderSettings,
+        view_settings: &RenderSettings,
         mut after: impl FnMut(usize, &PathReconstructor, &Renderer, &RenderWork) -> Result<(), Box<dyn Error>>,
     ) -> Result<Followed, Box<dyn Error>> {
-        let (mut weaver, mut renderer) = (self.weaver(look.threads)?, Renderer::new(look, self.stage)?);
+        let (mut reconstructor, mut renderer) =
+            (self.reconstructor(view_settings.threads)?, Renderer::new(view_settings, self.region)?);
         let mut ms = Vec::with_capacity(self.slices.len());
         for (number, slice) in self.slices.iter().enumerate() {
             let began = Instant::now();
-            let touched = weaver.insert(slice)?;
+            let touched = reconstructor.insert(slice)?;
             let insert = began.elapsed();
-            let updated = show(&mut renderer, &weaver, &touched);
+            let updated = show(&mut renderer, &reconstructor, &touched);
             ms.push([insert, updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
-            after(number, &weaver, &renderer, &updated.work)?;
+            after(number, &reconstructor, &renderer, &updated.work)?;
         }
         let (work, memory, arity) = (renderer.work(), renderer.memory(), renderer.arity());
         Ok(Followed { ms, work, memory, picture: renderer.picture(), arity })
@@ -110,14 +111,14 @@ impl Doll {
 }
 
 /// Updates a picture after an inserted slice.
-pub(crate) fn show(renderer: &mut Renderer, weaver: &PathReconstructor, touched: &Touched) -> Updated {
+pub(crate) fn show(renderer: &mut Renderer, reconstructor: &PathReconstructor, touched: &Touched) -> Updated {
     match &touched.slab {
-        Some(slab) => renderer.update_within(weaver.volume(), &touched.bricks, slab),
-        None => renderer.update(weaver.volume(), &touched.bricks),
+        Some(slab) => renderer.update_within(reconstructor.volume(), &touched.bricks, slab),
+        None => renderer.update(reconstructor.volume(), &touched.bricks),
     }
 }
 
-fn weaver(scan: &Scan, threads: usize) -> Result<PathReconstructor, Box<dyn Error>> {
+fn reconstructor(scan: &Scan, threads: usize) -> Result<PathReconstructor, Box<dyn Error>> {
     let settings = Settings { threads, ..Settings::new(DVec3::splat(SPACING_MM)) };
     Ok(PathReconstructor::planar(settings, PlanarSettings::default(), scan.mask().clone())?)
 }

@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle, order};
 
 use reconstruct::kernel::AxisKernel;
 
@@ -19,12 +19,12 @@ const MEASURED: [f64; 9] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Permitted difference between reconstructor and equations: shifts and centres, σ; and
 /// profiles, of an object of height 1.
 const TOLERANCE: f64 = 0.01;
-pub(crate) type Style = (&'static str, Look, Ink);
-pub(crate) const NONE: Style = ("none", Look::Dashed, Ink::Grey);
-pub(crate) const EXPONENTIAL: Style = ("exponential", Look::Line, Ink::Vermilion);
-pub(crate) const DEAD_TIME: Style = ("exponential after a wait of 2d/v", Look::Line, Ink::Blue);
-pub(crate) const PRINTED: Style = ("as printed, exponential", Look::Dashed, Ink::Purple);
-pub(crate) const PRINTED_WAIT: Style = ("as printed, after the wait", Look::Dotted, Ink::Green);
+pub(crate) type Style = (&'static str, SeriesStyle, Ink);
+pub(crate) const NONE: Style = ("none", SeriesStyle::Dashed, Ink::Grey);
+pub(crate) const EXPONENTIAL: Style = ("exponential", SeriesStyle::Line, Ink::Vermilion);
+pub(crate) const DEAD_TIME: Style = ("exponential after a wait of 2d/v", SeriesStyle::Line, Ink::Blue);
+pub(crate) const PRINTED: Style = ("as printed, exponential", SeriesStyle::Dashed, Ink::Purple);
+pub(crate) const PRINTED_WAIT: Style = ("as printed, after the wait", SeriesStyle::Dotted, Ink::Green);
 
 /// Returns all rules at a rate.
 pub(crate) fn rules(rate: f64, wait: f64) -> [(Style, Rule); 5] {
@@ -38,18 +38,18 @@ pub(crate) fn rules(rate: f64, wait: f64) -> [(Style, Rule); 5] {
     ]
 }
 
-pub(crate) fn series((name, look, ink): Style, points: Vec<[f64; 2]>) -> Series {
-    Series::new(name, look, ink, points)
+pub(crate) fn series((name, view_settings, ink): Style, points: Vec<[f64; 2]>) -> Series {
+    Series::new(name, view_settings, ink, points)
 }
 
 /// Returns the reconstructor's points beside those of [`series`].
 fn crosses((name, _, ink): Style, points: Vec<[f64; 2]>) -> Series {
-    Series::new(format!("{name}, by the reconstructor"), Look::Crosses, ink, points).unlisted()
+    Series::new(format!("{name}, by the reconstructor"), SeriesStyle::Crosses, ink, points).unlisted()
 }
 
 /// Returns the legend entry of all crosses.
 fn crosses_entry() -> Series {
-    Series::new("crosses: by the reconstructor", Look::Crosses, Ink::Black, Vec::new())
+    Series::new("crosses: by the reconstructor", SeriesStyle::Crosses, Ink::Black, Vec::new())
 }
 
 /// An object of height 1 around a position.
@@ -74,8 +74,8 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         .map(|(i, (style, _))| series(*style, over(&|rate| shift(rules(rate, wait)[i].1, kernel))))
         .collect();
     let within = |f: &dyn Fn(f64) -> f64| over(f).into_iter().filter(|p| p[1] < 3.0).collect::<Vec<_>>();
-    curves.push(Series::new("a·σ²/v", Look::Dotted, Ink::Black, within(&|a| a / SPEED)));
-    curves.push(Series::new("a·σ_eff²/v", Look::Dashed, Ink::Black, within(&|a| a * variance / SPEED)));
+    curves.push(Series::new("a·σ²/v", SeriesStyle::Dotted, Ink::Black, within(&|a| a / SPEED)));
+    curves.push(Series::new("a·σ_eff²/v", SeriesStyle::Dashed, Ink::Black, within(&|a| a * variance / SPEED)));
 
     // The reconstructor at fewer rates.
     let (mut worst, mut dead) = (0.0_f64, 0.0_f64);
@@ -128,7 +128,8 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     // After one sweep over two static objects.
     let still = |x: f64| blob(x, 10.0) + 0.7 * blob(x, 18.0);
     let places = || (0..=560).map(|i| f64::from(i) * 0.05);
-    let mut profiles = vec![Series::new("truth", Look::Line, Ink::Black, places().map(|x| [x, still(x)]).collect())];
+    let mut profiles =
+        vec![Series::new("truth", SeriesStyle::Line, Ink::Black, places().map(|x| [x, still(x)]).collect())];
     for (style, rule) in rules(SHOWN_RATE, wait) {
         let mut pair = Pair::new(places().collect(), kernel, rule)?;
         for sample in sweep(-4.0, 32.0, 0.0, |at, _| still(at)) {
@@ -244,7 +245,7 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let mut profiles = vec![crosses_entry()];
     let mut centres = vec![Series::new(
         "truth",
-        Look::Discs,
+        SeriesStyle::Discs,
         Ink::Black,
         (0..PASSES).map(|p| [f64::from(p + 1), truth(p)]).collect(),
     )];
@@ -276,8 +277,8 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     }
     report.check(apart < TOLERANCE, format!("centres by the reconstructor are up to {apart} σ from the equations'"));
     let before = |pass: u32| (0..=570).map(|i| f64::from(i) * 0.05).map(|x| [x, blob(x, truth(pass))]).collect();
-    profiles.insert(0, Series::new("the object, second pass", Look::Line, Ink::Black, before(1)));
-    profiles.insert(0, Series::new("the object, first pass", Look::Dotted, Ink::Black, before(0)));
+    profiles.insert(0, Series::new("the object, second pass", SeriesStyle::Line, Ink::Black, before(1)));
+    profiles.insert(0, Series::new("the object, first pass", SeriesStyle::Dotted, Ink::Black, before(0)));
     let [exponential, dead, none, printed, printed_wait] = lags[..] else { return Err("five rules".into()) };
     // The caption states this: a wait delays the response, the printed formula with the wait
     // even more.

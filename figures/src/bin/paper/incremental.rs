@@ -23,13 +23,15 @@ const EVERY: usize = 15;
 
 /// C11: the incremental picture equals that of the volume, and its cost depends on the changes.
 pub(crate) fn exact(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
-    let look = RenderSettings { threads: 2, ..doll.look.clone() };
+    let view_settings = RenderSettings { threads: 2, ..doll.view_settings.clone() };
     let mut compared = 0;
-    let followed = doll.follow_and(&look, |number, weaver, renderer, _| {
+    let followed = doll.follow_and(&view_settings, |number, reconstructor, renderer, _| {
         if number % EVERY == 0 {
-            let mut whole =
-                Renderer::new(&RenderSettings { cache: Cache::None, threads: 1, ..look.clone() }, doll.stage)?;
-            whole.update_all(weaver.volume());
+            let mut whole = Renderer::new(
+                &RenderSettings { cache: Cache::None, threads: 1, ..view_settings.clone() },
+                doll.region,
+            )?;
+            whole.update_all(reconstructor.volume());
             compared += 1;
             report.check(
                 same_bits(&whole.picture(), &renderer.picture()),
@@ -38,7 +40,7 @@ pub(crate) fn exact(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Erro
         }
         Ok(())
     })?;
-    let (exact, all) = doll.at_once(&look)?;
+    let (exact, all) = doll.at_once(&view_settings)?;
     report.check(same_bits(&exact, &followed.picture), "C11: other bits in the end");
     let slices = followed.ms.len() as u64;
     let each = followed.work.samples / slices;
@@ -63,8 +65,8 @@ fn same_bits(a: &Picture, b: &Picture) -> bool {
 }
 
 /// Returns values and weights of a render region's voxels.
-fn voxels(volume: &(impl Values + ?Sized), stage: &RenderRegion) -> Vec<(f32, f32)> {
-    let [low, high] = stage.bounds();
+fn voxels(volume: &(impl Values + ?Sized), region: &RenderRegion) -> Vec<(f32, f32)> {
+    let [low, high] = region.bounds();
     let n = (high[0] - low[0] + 1) as usize;
     let (mut value, mut weight) = (vec![0.0; n], vec![0.0; n]);
     let mut all = Vec::new();
@@ -76,13 +78,13 @@ fn voxels(volume: &(impl Values + ?Sized), stage: &RenderRegion) -> Vec<(f32, f3
 }
 
 /// Returns the box of the voxels that differ, in coordinates of the render region.
-fn changed(before: &[(f32, f32)], after: &[(f32, f32)], stage: &RenderRegion) -> Option<[[f64; 3]; 2]> {
-    let [low, high] = stage.bounds();
+fn changed(before: &[(f32, f32)], after: &[(f32, f32)], region: &RenderRegion) -> Option<[[f64; 3]; 2]> {
+    let [low, high] = region.bounds();
     let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 1) as usize);
     let mut found: Option<[[f64; 3]; 2]> = None;
     for (at, _) in before.iter().zip(after).enumerate().filter(|(_, (before, after))| before != after) {
         let place = [at % size[0], at / size[0] % size[1], at / (size[0] * size[1])];
-        let place: [f64; 3] = std::array::from_fn(|a| (place[a] as i64 + low[a] - stage.first()[a]) as f64);
+        let place: [f64; 3] = std::array::from_fn(|a| (place[a] as i64 + low[a] - region.first()[a]) as f64);
         let [first, last] = found.get_or_insert([place; 2]);
         for a in 0..3 {
             (first[a], last[a]) = (first[a].min(place[a]), last[a].max(place[a]));
@@ -113,8 +115,8 @@ pub(crate) fn meeting(camera: &Camera, [low, high]: [[f64; 3]; 2]) -> [u64; 2] {
 }
 
 /// Returns a render region's box enlarged by `reach` voxels, in region coordinates.
-pub(crate) fn within(stage: &RenderRegion, reach: f64) -> [[f64; 3]; 2] {
-    let [low, high] = stage.bounds().map(|at| [0, 1, 2].map(|a| (at[a] - stage.first()[a]) as f64));
+pub(crate) fn within(region: &RenderRegion, reach: f64) -> [[f64; 3]; 2] {
+    let [low, high] = region.bounds().map(|at| [0, 1, 2].map(|a| (at[a] - region.first()[a]) as f64));
     [low.map(|x| x - reach), high.map(|x| x + reach)]
 }
 
@@ -122,27 +124,27 @@ pub(crate) fn within(stage: &RenderRegion, reach: f64) -> [[f64; 3]; 2] {
 pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
     // Everything is visible, so that every change shows.
     let transfer = Transfer::preset("xray", [0.0, 255.0])?;
-    let look = RenderSettings { cache: Cache::Linear, transfer, ..doll.look.clone() };
-    let camera = Camera::new(&look.view, look.size, look.step, &doll.stage)?;
-    let of_stage = within(&doll.stage, 1.0);
+    let view_settings = RenderSettings { cache: Cache::Linear, transfer, ..doll.view_settings.clone() };
+    let camera = Camera::new(&view_settings.view, view_settings.size, view_settings.step, &doll.region)?;
+    let of_region = within(&doll.region, 1.0);
     let mut before = Vec::new();
     let mut sums = [[0; 2]; 3];
-    doll.follow_and(&look, |number, weaver, _, work| {
+    doll.follow_and(&view_settings, |number, reconstructor, _, work| {
         if number % EVERY == EVERY - 1 {
-            before = voxels(weaver.volume(), &doll.stage);
+            before = voxels(reconstructor.volume(), &doll.region);
         }
         if number == 0 || number % EVERY > 0 {
             return Ok(());
         }
-        let Some([first, last]) = changed(&before, &voxels(weaver.volume(), &doll.stage), &doll.stage) else {
+        let Some([first, last]) = changed(&before, &voxels(reconstructor.volume(), &doll.region), &doll.region) else {
             return Err(format!("slice {number} changed nothing").into());
         };
         // A gradient reaches one voxel further, a cell another; a hundredth is for rounding.
         // Nothing outside the region is sampled.
         let around = |reach: f64| {
             [
-                std::array::from_fn(|a| (first[a] - reach).max(of_stage[0][a])),
-                std::array::from_fn(|a| (last[a] + reach).min(of_stage[1][a])),
+                std::array::from_fn(|a| (first[a] - reach).max(of_region[0][a])),
+                std::array::from_fn(|a| (last[a] + reach).min(of_region[1][a])),
             ]
         };
         let (least, most) = (meeting(&camera, around(0.0)), meeting(&camera, around(2.02)));
@@ -170,7 +172,7 @@ pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Er
     report.claim(
         ["C12", "the D-buffer clips only rays that meet the slab", "no count"],
         format!(
-            "{} rays cast where {} meet changed voxels and {} what these reach; {} samples of at most {}; a slab beside the stage and a parked probe: {unseen} rays, 0 voxels",
+            "{} rays cast where {} meet changed voxels and {} what these reach; {} samples of at most {}; a slab beside the region and a parked probe: {unseen} rays, 0 voxels",
             done[0], least[0], most[0], done[1], most[1]
         ),
         true,
@@ -181,12 +183,12 @@ pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Er
 
 /// Returns the rays cast for slices that change nothing visible.
 fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
-    let [low, high] = doll.stage.bounds();
+    let [low, high] = doll.region.bounds();
     let mut aside = low.map(|x| x + 10_000);
     aside[0] = high[0] + 10_000;
     let elsewhere = RenderRegion::new(doll.whole.world_from_lattice(), low.map(|x| x + 10_000), aside.map(|x| x + 50))?;
-    let mut beside = Renderer::new(&doll.look, elsewhere)?;
-    let mut parked = Renderer::new(&doll.look, doll.stage)?;
+    let mut beside = Renderer::new(&doll.view_settings, elsewhere)?;
+    let mut parked = Renderer::new(&doll.view_settings, doll.region)?;
     parked.update_all(doll.whole.volume());
     let works = [beside.update_all(doll.whole.volume()).work, parked.update_all(doll.whole.volume()).work];
     for work in works {
@@ -200,7 +202,7 @@ fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
 
 /// The remainder of C18, C22 and C23.
 pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(), Box<dyn Error>> {
-    let on = |threads| RenderSettings { threads, ..doll.look.clone() };
+    let on = |threads| RenderSettings { threads, ..doll.view_settings.clone() };
     let mut ms = [Vec::new(), Vec::new()];
     for _ in 0..rounds {
         for (threads, ms) in [1, 2].into_iter().zip(&mut ms) {
@@ -209,7 +211,7 @@ pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(),
     }
     let [one, two] = [0, 1].map(|i| quantile(&ms[i], 0.5));
     let last = quantile(&ms[1], 0.99);
-    let [low, high] = doll.stage.bounds();
+    let [low, high] = doll.region.bounds();
     let voxels = [0, 1, 2].map(|a| (high[a] - low[a] + 1).to_string()).join("×");
     report.claim(
         ["C18", "the same to its picture of 256²", "3.4 s a slice for the doll"],
@@ -225,20 +227,20 @@ pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(),
 }
 
 /// C22: a new view, coarse at once and refined while it is static.
-fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -> Result<(), Box<dyn Error>> {
-    let mut renderer = Renderer::new(look, doll.stage)?;
+fn views(report: &mut Report, doll: &Doll, view_settings: &RenderSettings, rounds: u32) -> Result<(), Box<dyn Error>> {
+    let mut renderer = Renderer::new(view_settings, doll.region)?;
     renderer.update_all(doll.whole.volume());
     let (mut coarse, mut fine) = (Vec::new(), Vec::new());
     let mut off = [0.0_f64; 2];
     for round in 0..rounds {
-        let view = View { azimuth: look.view.azimuth + 60.0 * f64::from(round + 1), ..look.view };
+        let view = View { azimuth: view_settings.view.azimuth + 60.0 * f64::from(round + 1), ..view_settings.view };
         let began = Instant::now();
-        renderer.look(view)?;
+        renderer.set_view(view)?;
         coarse.push(began.elapsed().as_secs_f64() * 1e3);
         let reduced = renderer.picture();
         while !renderer.refine(Duration::from_millis(10)).finished {}
         fine.push(began.elapsed().as_secs_f64() * 1e3);
-        let (exact, _) = doll.at_once(&RenderSettings { view, ..look.clone() })?;
+        let (exact, _) = doll.at_once(&RenderSettings { view, ..view_settings.clone() })?;
         report.check(same_bits(&exact, &renderer.picture()), "C22: a refined picture is not the one made at once");
         off = reduced.difference(&exact);
         report.check(
@@ -260,18 +262,19 @@ fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -
 }
 
 /// C23: slices arrive at their own times, independent of the picture.
-fn open_loop(report: &mut Report, doll: &Doll, look: &RenderSettings) -> Result<(), Box<dyn Error>> {
-    let (mut weaver, mut renderer) = (doll.weaver(look.threads)?, Renderer::new(look, doll.stage)?);
+fn open_loop(report: &mut Report, doll: &Doll, view_settings: &RenderSettings) -> Result<(), Box<dyn Error>> {
+    let (mut reconstructor, mut renderer) =
+        (doll.reconstructor(view_settings.threads)?, Renderer::new(view_settings, doll.region)?);
     let began = Instant::now();
     let mut late = Vec::new();
     for (number, slice) in doll.slices.iter().enumerate() {
         let due = began + Duration::from_secs_f64(number as f64 / RATE);
         sleep(due.saturating_duration_since(Instant::now()));
-        let touched = weaver.insert(slice)?;
-        show(&mut renderer, &weaver, &touched);
+        let touched = reconstructor.insert(slice)?;
+        show(&mut renderer, &reconstructor, &touched);
         late.push(due.elapsed().as_secs_f64() * 1e3);
     }
-    let (exact, _) = doll.at_once(look)?;
+    let (exact, _) = doll.at_once(view_settings)?;
     report.check(same_bits(&exact, &renderer.picture()), "C23: other bits than the volume's");
     let [median, most] = [0.5, 0.99].map(|q| quantile(&late, q));
     report.claim(

@@ -124,11 +124,11 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let load = load.split_whitespace().next().unwrap_or("unknown").to_owned();
     let simd = reconstruct::Simd::detect().name();
-    let told = format!(
+    let text = format!(
         "Every number of “this run” was computed in it; times with {simd}, medians of {} runs, load average {load} (anything above 0 slows them).",
         effort.rounds
     );
-    let right = report.finish(folder, &told)?;
+    let right = report.finish(folder, &text)?;
     println!("{:.0} s; figures and index.html in {}", start.elapsed().as_secs_f64(), folder.display());
     Ok(right)
 }

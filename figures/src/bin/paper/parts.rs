@@ -24,19 +24,20 @@ struct Exchanged {
 
 /// Renders the scan with every number of parts.
 pub(crate) fn composited(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
-    let (exact, _) = doll.at_once(&doll.look)?;
+    let (exact, _) = doll.at_once(&doll.view_settings)?;
     let mut found = Vec::new();
     for parts in PARTS {
-        let mut weaver = doll.weaver(1)?;
-        let mut workers =
-            (0..parts).map(|part| Part::new(&doll.look, &doll.stage, part, parts)).collect::<Result<Vec<_>, _>>()?;
-        let mut compositor = Compositor::new(&doll.look, &doll.stage)?;
+        let mut reconstructor = doll.reconstructor(1)?;
+        let mut workers = (0..parts)
+            .map(|part| Part::new(&doll.view_settings, &doll.region, part, parts))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut compositor = Compositor::new(&doll.view_settings, &doll.region)?;
         let mut bytes = 0;
         let mut samples = vec![0; workers.len()];
         for slice in &doll.slices {
-            let touched = weaver.insert(slice)?;
+            let touched = reconstructor.insert(slice)?;
             for (worker, samples) in workers.iter_mut().zip(&mut samples) {
-                let message = worker.update(weaver.volume(), &touched.bricks);
+                let message = worker.update(reconstructor.volume(), &touched.bricks);
                 compositor.receive(&message.bytes)?;
                 bytes += message.bytes.len() as u64;
                 *samples += message.work.samples;
@@ -47,7 +48,7 @@ pub(crate) fn composited(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn
         found.push(Exchanged { parts, bytes, samples: [most, samples.iter().sum()] });
     }
     let slices = doll.slices.len() as u64;
-    let [width, height] = doll.look.size.map(u64::from);
+    let [width, height] = doll.view_settings.size.map(u64::from);
     let image = width * height * PIXEL_BYTES;
     let each: Vec<String> = found
         .iter()

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use mask::Mask;
 use phantom::scan::Depth;
@@ -40,8 +40,8 @@ const PIXELS: u32 = 40;
 const SPACING: f64 = 0.5;
 /// Voxels that are evaluated on each side of the middle, in the image plane and along the sweep.
 const HALF: [i64; 2] = [18, 23];
-const FRESH: Style = ("the newest pass alone", Look::Discs, Ink::Black);
-const OBJECT: Style = ("the object when last seen", Look::Line, Ink::Black);
+const FRESH: Style = ("the newest pass alone", SeriesStyle::Discs, Ink::Black);
+const OBJECT: Style = ("the object when last seen", SeriesStyle::Line, Ink::Black);
 
 /// Returns the scan of a trip; the next one begins at its end.
 fn trip(number: u32) -> Result<Scan, Box<dyn Error>> {
@@ -162,11 +162,11 @@ fn planar(compounding: Compounding, passes: &[Pass]) -> Result<Vec<Option<f64>>,
     // Columns along image axis u, which is the world's x.
     let direction = Some(DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X));
     let planar = PlanarSettings { direction, on_departure: OnDeparture::Refuse, ..PlanarSettings::default() };
-    let mut weaver = PathReconstructor::planar(settings(compounding), planar, Mask::full(PIXELS, PIXELS))?;
+    let mut reconstructor = PathReconstructor::planar(settings(compounding), planar, Mask::full(PIXELS, PIXELS))?;
     for slice in passes.iter().flat_map(|pass| &pass.slices) {
-        weaver.insert(slice)?;
+        reconstructor.insert(slice)?;
     }
-    Ok(voxels().map(|[x, y, z]| value(weaver.volume(), [y, z, x])).collect())
+    Ok(voxels().map(|[x, y, z]| value(reconstructor.volume(), [y, z, x])).collect())
 }
 
 fn insert(reconstructor: &mut Reconstructor, pass: &Pass) -> Result<Vec<Option<f64>>, Box<dyn Error>> {
@@ -238,17 +238,17 @@ pub(crate) fn draw(
         alone.after(pass, &values);
         fresh.push(values);
     }
-    let weave = |rule: Rule| -> Result<RuleResults, Box<dyn Error>> {
-        let mut told = RuleResults::default();
-        let mut weaver = reconstructor(compounding(rule))?;
+    let reconstruct = |rule: Rule| -> Result<RuleResults, Box<dyn Error>> {
+        let mut results = RuleResults::default();
+        let mut reconstructor = reconstructor(compounding(rule))?;
         for (pass, fresh) in passes.iter().zip(&fresh) {
-            told.values = insert(&mut weaver, pass)?;
-            told.after(pass, fresh);
+            results.values = insert(&mut reconstructor, pass)?;
+            results.after(pass, fresh);
         }
-        told.stated = weaver.decimation().map_or(0.0, |(_, part)| part * 255.0);
-        Ok(told)
+        results.stated = reconstructor.decimation().map_or(0.0, |(_, part)| part * 255.0);
+        Ok(results)
     };
-    let unfaded = weave(Rule::None)?;
+    let unfaded = reconstruct(Rule::None)?;
     let mut profiles = vec![series(OBJECT, passes[PROFILED - 1].profile.clone()), series(FRESH, alone.profile.clone())];
     let mut radii = vec![series(OBJECT, object.radii()), series(FRESH, alone.radii())];
     let [mut ahead, mut off]: [Vec<Series>; 2] = Default::default();
@@ -260,16 +260,16 @@ pub(crate) fn draw(
     for (i, (style, rule)) in rules(SHOWN, wait).into_iter().enumerate() {
         let mut summaries = Vec::new();
         for rate in rates {
-            let woven = (rule != Rule::None).then(|| weave(rules(*rate, wait)[i].1)).transpose()?;
-            let told = woven.as_ref().unwrap_or(&unfaded);
-            summaries.push(told.summary());
+            let faded = (rule != Rule::None).then(|| reconstruct(rules(*rate, wait)[i].1)).transpose()?;
+            let results = faded.as_ref().unwrap_or(&unfaded);
+            summaries.push(results.summary());
             if *rate == SHOWN {
-                profiles.push(series(style, told.profile.clone()));
-                radii.push(series(style, told.radii()));
-                shown.push(told.summary());
+                profiles.push(series(style, results.profile.clone()));
+                radii.push(series(style, results.radii()));
+                shown.push(results.summary());
                 let columns = planar(compounding(rules(*rate, wait)[i].1), &passes)?;
-                ages = ages.max(largest(&told.values, &columns));
-                stated = stated.max(told.stated);
+                ages = ages.max(largest(&results.values, &columns));
+                stated = stated.max(results.stated);
             }
         }
         let over = |c: usize| rates.iter().zip(&summaries).map(|(rate, summary)| [*rate, summary[c]]).collect();

@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use reconstruct::kernel::Method;
 
@@ -43,10 +43,10 @@ fn figure_6(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
                 Axis::linear("position, σ"),
                 Axis::linear("value, arbitrary unit").from_to(0.0, 1.2),
                 vec![
-                    Series::new("signal", Look::Line, Ink::Black, curve),
+                    Series::new("signal", SeriesStyle::Line, Ink::Black, curve),
                     Series::new(
                         "samples",
-                        Look::Discs,
+                        SeriesStyle::Discs,
                         Ink::Blue,
                         shown.iter().map(|x| [*x, signal(*x, 0.0)]).collect(),
                     ),
@@ -58,7 +58,7 @@ fn figure_6(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
                 Axis::linear("position, σ"),
                 vec![Series::new(
                     "samples",
-                    Look::Discs,
+                    SeriesStyle::Discs,
                     Ink::Blue,
                     shown.iter().enumerate().map(|(i, x)| [number(i), *x]).collect(),
                 )],
@@ -77,23 +77,23 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     ];
     let mut panels = Vec::new();
     for (method, energy, name) in rows {
-        let weave = SampledSignal { at: positions(SEED), kernel: kernel(method, Some(energy))? };
-        let [low, high] = weave.stretch();
+        let sampled = SampledSignal { at: positions(SEED), kernel: kernel(method, Some(energy))? };
+        let [low, high] = sampled.stretch();
         let ink = if method == Method::Gaussian { Ink::Blue } else { Ink::Vermilion };
         let over = |f: &dyn Fn(f64) -> f64| -> Vec<[f64; 2]> {
             (0..=800).map(|i| low + (high - low) * f64::from(i) / 800.0).map(|x| [x, f(x)]).collect()
         };
         let x = || Axis::linear("position, σ").from_to(low.floor(), high.ceil());
-        let blur = weave.kernel.sigma_effective_mm();
-        let errors = weave.errors();
+        let blur = sampled.kernel.sigma_effective_mm();
+        let errors = sampled.errors();
         let slope = |x: f64| (signal(x + 0.01, blur) - signal(x - 0.01, blur)) / 0.02;
         panels.push(Panel::new(
             format!("{name}: sums"),
             x(),
             Axis::linear("sum").from_to(0.0, 4.0),
             vec![
-                Series::new("Σ weight", Look::Dashed, Ink::Grey, over(&|x| weave.sums(x)[1])),
-                Series::new("Σ weight·value", Look::Line, Ink::Purple, over(&|x| weave.sums(x)[0])),
+                Series::new("Σ weight", SeriesStyle::Dashed, Ink::Grey, over(&|x| sampled.sums(x)[1])),
+                Series::new("Σ weight·value", SeriesStyle::Line, Ink::Purple, over(&|x| sampled.sums(x)[0])),
             ],
         ));
         panels.push(Panel::new(
@@ -105,12 +105,12 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             x(),
             Axis::linear("value").from_to(0.0, 1.0),
             vec![
-                Series::new("the blurred signal", Look::Line, Ink::Black, over(&|x| signal(x, blur))),
+                Series::new("the blurred signal", SeriesStyle::Line, Ink::Black, over(&|x| signal(x, blur))),
                 Series::new(
-                    if method == Method::Gaussian { "woven, less its pedestal" } else { "woven, cut" },
-                    Look::Line,
+                    if method == Method::Gaussian { "reconstructed, less its pedestal" } else { "reconstructed, cut" },
+                    SeriesStyle::Line,
                     ink,
-                    over(&|x| weave.value(x)),
+                    over(&|x| sampled.value(x)),
                 ),
             ],
         ));
@@ -120,18 +120,18 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             Axis::linear("slope, 1/σ").from_to(-1.0, 1.0),
             vec![
                 Series::new(
-                    if method == Method::Gaussian { "woven, less its pedestal" } else { "woven, cut" },
-                    Look::Line,
+                    if method == Method::Gaussian { "reconstructed, less its pedestal" } else { "reconstructed, cut" },
+                    SeriesStyle::Line,
                     ink,
-                    over(&|x| weave.slope(x)),
+                    over(&|x| sampled.slope(x)),
                 ),
-                Series::new("the blurred signal", Look::Line, Ink::Black, over(&slope)),
+                Series::new("the blurred signal", SeriesStyle::Line, Ink::Black, over(&slope)),
             ],
         ));
     }
     let figure = Figure {
         id: "figure-7-woven",
-        title: "Figure 7: the signal woven back, by how much energy the support leaves out".into(),
+        title: "Figure 7: the signal reconstructed, by how much energy the support leaves out".into(),
         caption: format!(
             "Columns as in the paper, whose rows are the first two: the two sums, their quotient, its slope (over {SLOPE_OVER} σ; spikes reach beyond the axis). Black is the signal under the \
              kernel's effective width. The steps of a cut kernel vanish from the sums' quotient only as its end does; subtracting the end's height from the \
@@ -184,14 +184,14 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
         let points =
             |sets: &[Vec<Errors>]| ENERGIES.iter().zip(sets).map(|(e, d)| [*e, median(d, of)]).collect::<Vec<_>>();
         let reference = median(&whole, of);
-        let mut all = vec![Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, points(&cut))];
-        all.push(Series::new("", Look::Squares, Ink::Vermilion, points(&cut)));
+        let mut all = vec![Series::new("cut, as in the paper", SeriesStyle::Dashed, Ink::Vermilion, points(&cut))];
+        all.push(Series::new("", SeriesStyle::Squares, Ink::Vermilion, points(&cut)));
         if floor {
-            all.push(Series::new("less its pedestal", Look::Line, Ink::Blue, points(&lowered)));
-            all.push(Series::new("", Look::Discs, Ink::Blue, points(&lowered)));
+            all.push(Series::new("less its pedestal", SeriesStyle::Line, Ink::Blue, points(&lowered)));
+            all.push(Series::new("", SeriesStyle::Discs, Ink::Blue, points(&lowered)));
             all.push(Series::new(
                 "whole Gaussian",
-                Look::Dotted,
+                SeriesStyle::Dotted,
                 Ink::Black,
                 vec![[1e-4, reference], [0.3, reference]],
             ));

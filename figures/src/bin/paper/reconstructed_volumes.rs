@@ -25,7 +25,7 @@ pub(crate) fn value(volume: &dyn Voxels, voxel: [i64; 3]) -> Option<f64> {
     (w > SEEN).then(|| f64::from(r) / f64::from(w))
 }
 
-fn woven<'a>(
+fn reconstructed<'a>(
     settings: &Settings,
     mask: &Mask,
     slices: impl Iterator<Item = &'a Slice>,
@@ -48,8 +48,8 @@ pub(crate) fn sums(report: &mut Report) -> Result<(), Box<dyn Error>> {
     })?;
     let slices = scan.slices(0..scan.frames());
     let settings = Settings::new(DVec3::splat(0.6));
-    let forward = woven(&settings, scan.mask(), slices.iter())?;
-    let backward = woven(&settings, scan.mask(), slices.iter().rev())?;
+    let forward = reconstructed(&settings, scan.mask(), slices.iter())?;
+    let backward = reconstructed(&settings, scan.mask(), slices.iter().rev())?;
     let kernels = forward.kernels().ok_or("nothing was inserted")?;
     let (_, promised) = forward.decimation().ok_or("nothing was inserted")?;
     let grid = scan.grid(settings.spacing_mm, 2.0)?;
@@ -111,7 +111,7 @@ pub(crate) fn widths(report: &mut Report) -> Result<(), Box<dyn Error>> {
     })?;
     let slices = scan.slices(0..scan.frames());
     let settings = Settings { sigma_mm: [Some(0.5), Some(0.8), Some(1.1)], ..Settings::new(DVec3::splat(0.5)) };
-    let volume = woven(&settings, scan.mask(), slices.iter())?;
+    let volume = reconstructed(&settings, scan.mask(), slices.iter())?;
     let kernels = volume.kernels().ok_or("nothing was inserted")?;
     let (mut mass, mut moments) = (0.0, DVec3::ZERO);
     let places = || -22..=22_i64;
@@ -156,7 +156,7 @@ pub(crate) fn slab(report: &mut Report) -> Result<(), Box<dyn Error>> {
         sigma_mm: [None, None, Some(1.0)],
         ..Settings::new(DVec3::splat(0.5))
     };
-    let reconstructor = woven(&settings, scan.mask(), std::iter::once(&slice))?;
+    let reconstructor = reconstructed(&settings, scan.mask(), std::iter::once(&slice))?;
     let kernels = reconstructor.kernels().ok_or("nothing was inserted")?;
     let d = kernels[2].support_mm;
     let affine = slice.world_from_image.affine();
@@ -220,7 +220,7 @@ pub(crate) fn between_slices(gap: f64) -> Result<[f64; 2], Box<dyn Error>> {
         ..Settings::new(DVec3::new(0.5, 0.5, along))
     };
     let slices = scan.slices(0..scan.frames());
-    let reconstructor = woven(&settings, scan.mask(), slices.iter())?;
+    let reconstructor = reconstructed(&settings, scan.mask(), slices.iter())?;
     let weights: Vec<f64> = (0..200).map(|z| f64::from(reconstructor.volume().voxel([0, 0, z]).1)).collect();
     let (low, high) = weights.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), w| (l.min(*w), h.max(*w)));
     let mean = weights.iter().sum::<f64>() / 200.0;

@@ -69,7 +69,7 @@ impl Report {
         for c in &self.claims {
             println!("{:4} {:60} {}", c.id, c.verdict, c.ours);
         }
-        Ok(self.findings.tell())
+        Ok(self.findings.report())
     }
 
     fn markdown(&self, run: &str) -> String {

@@ -5,7 +5,7 @@ use std::error::Error;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle, order};
 
 use reconstruct::kernel::{AxisKernel, Method};
 
@@ -32,16 +32,16 @@ pub(crate) fn formula(gap: f64) -> f64 {
     2.0 * (-2.0 * PI * PI / (gap * gap)).exp()
 }
 
-/// Draws the ripple. `woven` holds slice distances and the truncated kernel's ripple by the
+/// Draws the ripple. `reconstructed` holds slice distances and the truncated kernel's ripple by the
 /// reconstructor's weights.
-pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Result<(), Box<dyn Error>> {
+pub(crate) fn draw(report: &mut Report, folder: &Path, reconstructed: &[[f64; 2]]) -> Result<(), Box<dyn Error>> {
     let whole = kernel(Method::GaussianTruncated, None)?;
     let cut = kernel(Method::GaussianTruncated, Some(0.01))?;
     let lowered = kernel(Method::Gaussian, Some(0.01))?;
     for gap in [1.0, 1.5, 2.0, 2.5, 3.0] {
         report.near(&format!("ripple at gaps of {gap} σ"), measured(&whole, gap), formula(gap), 0.01);
     }
-    for [gap, found] in woven {
+    for [gap, found] in reconstructed {
         report.near(&format!("the reconstructor's ripple at gaps of {gap} σ"), *found, measured(&cut, *gap), 0.1);
     }
     let gaps = || (80..=620).map(|i| f64::from(i) * 0.01);
@@ -69,15 +69,30 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Re
             Axis::linear("distance of slices, s/σ").from_to(0.8, 6.2),
             Axis::log("ripple of the weight, of its mean").from_to(1e-9, 10.0),
             vec![
-                Series::new("2 exp(−2π²σ²/s²)", Look::Line, Ink::Black, over(&formula)),
-                Series::new("whole Gaussian, measured", Look::Discs, Ink::Black, marks.to_vec()),
-                Series::new("cut at E_e = .01, measured", Look::Dashed, Ink::Vermilion, over(&|g| measured(&cut, g))),
-                Series::new("cut, by the reconstructor in 3D", Look::Squares, Ink::Vermilion, woven.to_vec()),
-                Series::new("half of one sample's step", Look::Dotted, Ink::Vermilion, over(&|g| 0.5 * step(g))),
-                Series::new("less its pedestal, measured", Look::Line, Ink::Blue, over(&|g| measured(&lowered, g))),
+                Series::new("2 exp(−2π²σ²/s²)", SeriesStyle::Line, Ink::Black, over(&formula)),
+                Series::new("whole Gaussian, measured", SeriesStyle::Discs, Ink::Black, marks.to_vec()),
+                Series::new(
+                    "cut at E_e = .01, measured",
+                    SeriesStyle::Dashed,
+                    Ink::Vermilion,
+                    over(&|g| measured(&cut, g)),
+                ),
+                Series::new(
+                    "cut, by the reconstructor in 3D",
+                    SeriesStyle::Squares,
+                    Ink::Vermilion,
+                    reconstructed.to_vec(),
+                ),
+                Series::new("half of one sample's step", SeriesStyle::Dotted, Ink::Vermilion, over(&|g| 0.5 * step(g))),
+                Series::new(
+                    "less its pedestal, measured",
+                    SeriesStyle::Line,
+                    Ink::Blue,
+                    over(&|g| measured(&lowered, g)),
+                ),
                 Series::new(
                     "s = 2d",
-                    Look::Dotted,
+                    SeriesStyle::Dotted,
                     Ink::Grey,
                     vec![[2.0 * cut.support_mm, 1e-9], [2.0 * cut.support_mm, 10.0]],
                 ),

@@ -34,13 +34,13 @@ fn timed(ways: &[Way<'_>], slices: &[Slice], rounds: u32) -> Result<Vec<(f64, Pa
     for _ in 0..rounds {
         made.clear();
         for (way, times) in ways.iter().zip(&mut times) {
-            let mut weaver = way()?;
+            let mut reconstructor = way()?;
             for slice in slices {
                 let start = Instant::now();
-                weaver.insert(slice)?;
+                reconstructor.insert(slice)?;
                 times.push(start.elapsed().as_secs_f64() * 1e3);
             }
-            made.push(weaver);
+            made.push(reconstructor);
         }
     }
     let middle = |mut times: Vec<f64>| {
@@ -57,17 +57,17 @@ fn errors(scan: &Scan, made: &[&PathReconstructor]) -> Result<Vec<Errors>, Box<d
     let [nx, ny, _] = grid.size.map(|n| n as usize);
     let scene = truth::sample(&scan.settings().scene, &grid)?;
     let mut compared = truth::near_slices(scan, &grid, 0.5 * SPACING)?;
-    let shown = |weaver: &PathReconstructor| -> Vec<Option<f32>> {
-        let lattice_from_world = weaver.world_from_lattice().affine().inverse();
+    let shown = |reconstructor: &PathReconstructor| -> Vec<Option<f32>> {
+        let lattice_from_world = reconstructor.world_from_lattice().affine().inverse();
         let voxel = |i: usize| {
             let at = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64);
             // The lattices share their points, independent of their axes.
             let place = lattice_from_world.transform_point3(grid.origin + SPACING * at).round();
-            value(weaver.volume(), place.to_array().map(|x| x as i64)).map(|v| v as f32)
+            value(reconstructor.volume(), place.to_array().map(|x| x as i64)).map(|v| v as f32)
         };
         (0..scene.len()).map(voxel).collect()
     };
-    let values: Vec<Vec<Option<f32>>> = made.iter().map(|weaver| shown(weaver)).collect();
+    let values: Vec<Vec<Option<f32>>> = made.iter().map(|reconstructor| shown(reconstructor)).collect();
     for (i, compared) in compared.iter_mut().enumerate() {
         *compared &= values.iter().all(|values| values[i].is_some());
     }
@@ -75,8 +75,8 @@ fn errors(scan: &Scan, made: &[&PathReconstructor]) -> Result<Vec<Errors>, Box<d
 }
 
 /// Returns the number of voxels along the axes of the seen box.
-fn extent(weaver: &PathReconstructor) -> Result<[i64; 3], Box<dyn Error>> {
-    let (low, high) = weaver.volume().seen_bounds().ok_or("nothing was seen")?;
+fn extent(reconstructor: &PathReconstructor) -> Result<[i64; 3], Box<dyn Error>> {
+    let (low, high) = reconstructor.volume().seen_bounds().ok_or("nothing was seen")?;
     Ok([0, 1, 2].map(|a| high[a] - low[a] + 1))
 }
 
@@ -97,9 +97,9 @@ pub(crate) fn thigh(report: &mut Report, rounds: u32) -> Result<(), Box<dyn Erro
     let slices = scan.slices(0..scan.frames());
     let general = |threads| Ok(PathReconstructor::general(settings(&scan, threads), scan.mask().clone())?);
     let made = timed(&[&|| general(1), &|| general(2)], &slices, rounds)?;
-    let [(alone, weaver), (both, _)] = &made[..] else { return Err("two ways".into()) };
-    let [x, y, z] = extent(weaver)?;
-    let [error] = errors(&scan, &[weaver])?[..] else { return Err("one way".into()) };
+    let [(alone, reconstructor), (both, _)] = &made[..] else { return Err("two ways".into()) };
+    let [x, y, z] = extent(reconstructor)?;
+    let [error] = errors(&scan, &[reconstructor])?[..] else { return Err("one way".into()) };
     report.check(x * y * z > 1_000_000, format!("C20: only {x}×{y}×{z} voxels"));
     // Frames have noise of 6 grey levels, and slices lie two σ apart.
     report.check(error.rmse < 6.0, format!("C20: {} grey levels from the scene", error.rmse));
@@ -184,7 +184,7 @@ pub(crate) fn doll(report: &mut Report, rounds: u32) -> Result<Agreement, Box<dy
     let [of_columns, of_bricks] = errors(&scan, &[columns, bricks])?[..] else { return Err("two ways".into()) };
     let agreement = Agreement::of(columns, bricks)?;
     let [x, y, z] = extent(columns)?;
-    let bytes = [columns, bricks].map(|weaver| weaver.volume().bytes() as f64 / 1e6);
+    let bytes = [columns, bricks].map(|reconstructor| reconstructor.volume().bytes() as f64 / 1e6);
     report.check(x * y * z > 1_000_000, format!("C18: only {x}×{y}×{z} voxels"));
     report.check(of_columns.voxels > 1_000_000, format!("C18: only {} voxels compared", of_columns.voxels));
     for error in [of_columns, of_bricks] {

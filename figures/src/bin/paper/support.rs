@@ -5,7 +5,7 @@ use std::error::Error;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle, order};
 
 use reconstruct::kernel::{AxisKernel, Method, Support, sigma_from_hwhm};
 
@@ -43,15 +43,17 @@ fn bend(points: &[[f64; 2]]) -> f64 {
 
 fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let kinds = [
-        ("energy outside d_e: erfc(d/√2σ) = 0.01", Support::Energy(ERROR), Look::Line, Ink::Blue),
-        ("amplitude at the end d_a: Gauss(d) = 0.01", Support::Amplitude(ERROR), Look::Dashed, Ink::Vermilion),
-        ("slope at the end d_g: |DGauss(d)| = 0.01", Support::Gradient(ERROR), Look::Dotted, Ink::Green),
+        ("energy outside d_e: erfc(d/√2σ) = 0.01", Support::Energy(ERROR), SeriesStyle::Line, Ink::Blue),
+        ("amplitude at the end d_a: Gauss(d) = 0.01", Support::Amplitude(ERROR), SeriesStyle::Dashed, Ink::Vermilion),
+        ("slope at the end d_g: |DGauss(d)| = 0.01", Support::Gradient(ERROR), SeriesStyle::Dotted, Ink::Green),
     ];
     let series = |low: f64, high: f64| -> Vec<Series> {
         let sigmas = move || (0..=1200).map(move |i| low + (high - low) * f64::from(i) / 1200.0);
         kinds
             .iter()
-            .map(|(name, support, look, ink)| Series::new(*name, *look, *ink, curve(*support, sigmas())))
+            .map(|(name, support, view_settings, ink)| {
+                Series::new(*name, *view_settings, *ink, curve(*support, sigmas()))
+            })
             .collect()
     };
     // Closed forms: the amplitude's support is longest at a zero of its derivative over σ. The
@@ -158,15 +160,25 @@ fn half_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> 
             Axis::linear("distance, in half widths h"),
             Axis::linear("kernel, of its peak").from_to(0.0, 1.05),
             vec![
-                Series::new("half of the peak", Look::Dotted, Ink::Grey, vec![[-2.0, 0.5], [2.0, 0.5]]),
-                Series::new(format!("natural logarithm, σ = {natural:.4} h"), Look::Line, Ink::Blue, points(natural)),
+                Series::new("half of the peak", SeriesStyle::Dotted, Ink::Grey, vec![[-2.0, 0.5], [2.0, 0.5]]),
+                Series::new(
+                    format!("natural logarithm, σ = {natural:.4} h"),
+                    SeriesStyle::Line,
+                    Ink::Blue,
+                    points(natural),
+                ),
                 Series::new(
                     format!("decimal logarithm, σ = {decimal:.4} h"),
-                    Look::Dashed,
+                    SeriesStyle::Dashed,
                     Ink::Vermilion,
                     points(decimal),
                 ),
-                Series::new("half width at half maximum", Look::Discs, Ink::Black, vec![[-1.0, 0.5], [1.0, 0.5]]),
+                Series::new(
+                    "half width at half maximum",
+                    SeriesStyle::Discs,
+                    Ink::Black,
+                    vec![[-1.0, 0.5], [1.0, 0.5]],
+                ),
             ],
         )],
     };
@@ -215,8 +227,13 @@ fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Erro
     let slope = |k: &AxisKernel, x: f64| if x <= k.support_mm { (k.weight(x) - k.weight(x - h)) / h } else { 0.0 };
     let kinds = |f: &dyn Fn(&AxisKernel, f64) -> f64| {
         vec![
-            Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, over(&|x| f(&cut, x) / cut.peak())),
-            Series::new("less its pedestal", Look::Line, Ink::Blue, over(&|x| f(&lowered, x) / lowered.peak())),
+            Series::new(
+                "cut, as in the paper",
+                SeriesStyle::Dashed,
+                Ink::Vermilion,
+                over(&|x| f(&cut, x) / cut.peak()),
+            ),
+            Series::new("less its pedestal", SeriesStyle::Line, Ink::Blue, over(&|x| f(&lowered, x) / lowered.peak())),
         ]
     };
     let x = || Axis::linear("distance x/σ").from_to(0.0, 3.2);
@@ -244,16 +261,16 @@ fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // d/σ expressed as lost energy, so that one kernel type serves formula and integral.
     let kernel = |method: Method, z: f64| AxisKernel::new(method, 1.0, Support::Energy(libm::erfc(z / 2.0_f64.sqrt())));
     let kinds = [
-        (Method::GaussianTruncated, "cut", Ink::Vermilion, Look::Dashed),
-        (Method::Gaussian, "less its pedestal", Ink::Blue, Look::Line),
+        (Method::GaussianTruncated, "cut", Ink::Vermilion, SeriesStyle::Dashed),
+        (Method::Gaussian, "less its pedestal", Ink::Blue, SeriesStyle::Line),
     ];
     let mut series = Vec::new();
     let mut worst = 0.0_f64;
-    for (method, name, ink, look) in kinds {
+    for (method, name, ink, view_settings) in kinds {
         let formula = (10..=450).map(|i| f64::from(i) * 0.01).map(|z| Ok([z, kernel(method, z)?.sigma_effective_mm()]));
         series.push(Series::new(
             format!("{name}: formula"),
-            look,
+            view_settings,
             ink,
             formula.collect::<Result<_, Box<dyn Error>>>()?,
         ));
@@ -264,7 +281,7 @@ fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
             worst = worst.max((width / kernel.sigma_effective_mm() - 1.0).abs());
             integrated.push([z, width]);
         }
-        let marks = if method == Method::Gaussian { Look::Discs } else { Look::Squares };
+        let marks = if method == Method::Gaussian { SeriesStyle::Discs } else { SeriesStyle::Squares };
         series.push(Series::new(format!("{name}: integrated"), marks, ink, integrated));
     }
     report.check(worst < 1e-5, format!("effective widths differ from their integrals by a part of {worst}"));

@@ -5,7 +5,7 @@ use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use phantom::body::{Met, doll};
 use phantom::{Motion, Scanner};
@@ -22,7 +22,7 @@ const GAP_MM: f64 = 2.0;
 /// Voxel spacing, mm.
 const SPACING_MM: f64 = 1.0;
 /// Depths that are rendered, mm: below the transducer's ringing, above the floor.
-const LOOKED_AT_MM: [f64; 2] = [14.0, 85.0];
+const SHOWN_MM: [f64; 2] = [14.0, 85.0];
 /// Grey level of the doll's surface.
 const SURFACE: f64 = 70.0;
 
@@ -35,11 +35,11 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // A slice through hands and belly.
     let z = -10.0;
     let [slice, opacity] = bedside.slice(z, &transfer)?;
-    let stage = bedside.stage(LOOKED_AT_MM)?;
+    let region = bedside.region(SHOWN_MM)?;
     let front = View { azimuth: 0.0, elevation: 0.0, ..View::default() };
     let aside = View { azimuth: 35.0, elevation: 15.0, ..View::default() };
     let [rendered, turned] =
-        [front, aside].map(|view| bedside.rendered(stage, view, Mode::Shaded(Shading::Voxel), &transfer));
+        [front, aside].map(|view| bedside.rendered(region, view, Mode::Shaded(Shading::Voxel), &transfer));
     let rendered = rendered?;
 
     let surface = surface(&bedside);
@@ -54,7 +54,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let clear = water.iter().map(|v| v.abs()).sum::<f64>() / water.len() as f64;
     report
         .check(water.len() > 1000 && clear < 6.0, format!("figure 12: water shows {clear} at {} places", water.len()));
-    let truth = bedside.met(&stage, &front, |name| name == "rubber" || name == "eyes")?;
+    let truth = bedside.met(&region, &front, |name| name == "rubber" || name == "eyes")?;
     let opaque: Vec<bool> = rendered.pixels.iter().map(|p| p[3] < 0.5).collect();
     let count = |f: &dyn Fn(bool, bool) -> bool| truth.iter().zip(&opaque).filter(|(t, o)| f(**t, **o)).count() as f64;
     let overlap = count(&|t, o| t && o) / count(&|t, o| t || o);
@@ -68,7 +68,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
         title: "Figure 12: a doll scanned in a water tank".into(),
         caption: format!(
             "Echoes as a curvilinear scanner of 3.5 MHz shows them, painted of {frames} nearly parallel slices with roughly {GAP_MM} mm interval, from feet to \
-             head; woven into voxels of {SPACING_MM} mm; x-y slice of the volume, of its opacities (by intensity and gradient), and the doll as rendered. \
+             head; reconstructed into voxels of {SPACING_MM} mm; x-y slice of the volume, of its opacities (by intensity and gradient), and the doll as rendered. \
              Bright at the top is the transducer's ringing, at the bottom the tank's floor, faint arcs below the doll are echoes that came again; neither of \
              the first two is rendered. The doll's front is off by {middle:.2} mm in the middle of {} places and by less than {ninth:.1} at nine tenths; outlines \
              overlap by {:.0} %; water shows {clear:.1} grey levels.",
@@ -88,10 +88,10 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
                 Axis::linear("depth, mm").from_to(0.0, 80.0),
                 Axis::linear("grey level").from_to(0.0, 255.0),
                 vec![
-                    Series::new("volume", Look::Line, Ink::Blue, profile),
+                    Series::new("volume", SeriesStyle::Line, Ink::Blue, profile),
                     Series::new(
                         "the doll's true front",
-                        Look::Dashed,
+                        SeriesStyle::Dashed,
                         Ink::Black,
                         vec![[at_surface, 0.0], [at_surface, 255.0]],
                     ),
@@ -106,7 +106,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
 /// from the front.
 fn first_surface(bedside: &Bedside, x: f64, z: f64) -> Option<f64> {
     let (mut met, mut passages) = (Met::with_room_for(&bedside.body), Vec::new());
-    bedside.body.trace(DVec3::new(x, 0.0, z), DVec3::Y, LOOKED_AT_MM[1], &mut met, &mut passages);
+    bedside.body.trace(DVec3::new(x, 0.0, z), DVec3::Y, SHOWN_MM[1], &mut met, &mut passages);
     let first = passages.first()?;
     let solid = &bedside.body.solids[usize::from(first.solid)];
     let steep = solid.shape.normal(DVec3::new(x, first.at, z)).y < -0.75;

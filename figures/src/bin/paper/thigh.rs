@@ -5,7 +5,7 @@ use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use phantom::body::thigh::{self, ARTERY, ARTERY_RADII_MM, FEMUR, FEMUR_RADIUS_MM};
 use phantom::{Motion, Scanner};
@@ -22,7 +22,7 @@ const SLICES: u32 = 46;
 const VOXELS: f64 = 128.0;
 /// Depth of the frames, and the rendered depths, which begin below skin and fascia, mm.
 const DEPTH_MM: f64 = 120.0;
-const LOOKED_AT_MM: [f64; 2] = [27.0, 112.0];
+const SHOWN_MM: [f64; 2] = [27.0, 112.0];
 /// Radius of the transducer, mm.
 const FACE_MM: f64 = 60.0;
 
@@ -34,7 +34,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // Tilts and the kernel reach beyond the sweep.
     let spacing = DVec3::new(wide + 8.0, high + 8.0, thigh::SWEEP_MM + 16.0) / VOXELS;
     let bedside = Bedside::new(thigh::thigh(FACE_MM), scanner, &sweep, spacing)?;
-    let (low, top) = bedside.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
+    let (low, top) = bedside.reconstructor.volume().seen_bounds().ok_or("nothing was seen")?;
     let size = [0, 1, 2].map(|a| top[a] - low[a] + 1);
     report.check(size.iter().all(|n| (105..=145).contains(n)), format!("figure 13: {size:?} voxels"));
 
@@ -62,11 +62,11 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     // Muscle has grey values of about 100, and is to be transparent.
     let echoes = Curve::new(&[(112.0, 0.0), (135.0, 0.4), (165.0, 0.95)])?;
     let transfer = Transfer::new(Opacity::Curve(echoes), 1.0, Colour::grey([0.0, 150.0])?)?;
-    let stage = bedside.stage(LOOKED_AT_MM)?;
+    let region = bedside.region(SHOWN_MM)?;
     let front = View { azimuth: 0.0, elevation: 0.0, roll: 90.0, ..View::default() };
-    let rendered = bedside.rendered(stage, front, Mode::Shaded(Shading::Voxel), &transfer)?;
+    let rendered = bedside.rendered(region, front, Mode::Shaded(Shading::Voxel), &transfer)?;
     let turned = bedside.rendered(
-        stage,
+        region,
         View { azimuth: 35.0, elevation: 25.0, ..front },
         Mode::Shaded(Shading::Voxel),
         &transfer,
@@ -87,7 +87,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
             size[0],
             size[1],
             size[2],
-            LOOKED_AT_MM[0],
+            SHOWN_MM[0],
             femur.len(),
             100.0 * dark,
             100.0 * tube
@@ -104,8 +104,8 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
                 Axis::linear("depth, mm").from_to(0.0, 115.0),
                 Axis::linear("grey level").from_to(0.0, 255.0),
                 vec![
-                    Series::new("through the femur", Look::Line, Ink::Vermilion, profile(-40.0)),
-                    Series::new("through the artery", Look::Line, Ink::Blue, profile(45.0)),
+                    Series::new("through the femur", SeriesStyle::Line, Ink::Vermilion, profile(-40.0)),
+                    Series::new("through the artery", SeriesStyle::Line, Ink::Blue, profile(45.0)),
                 ],
             ),
         ],

@@ -2,7 +2,7 @@
 //! equations in three dimensions; f64. Lengths are in voxels.
 //!
 //! Slices are perpendicular to the x-y plane: image axis u is parallel to z, v to y, and slice i
-//! is at x = `at[i]`. The one-dimensional stage filters along u once per slice; the
+//! is at x = `at[i]`. The one-dimensional region filters along u once per slice; the
 //! two-dimensional one spreads columns over x and y. One weight per column is exact if all its
 //! voxels receive the same weight.
 
@@ -64,7 +64,7 @@ fn kernels() -> Result<[AxisKernel; 2], KernelError> {
     Ok([method.in_plane(SIGMA, end, 1.0 / FINE as f64)?, AxisKernel::new(method, SIGMA, end)?])
 }
 
-pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
+pub(crate) fn means(coverage: Coverage) -> Result<Means, KernelError> {
     let [g, across] = kernels()?;
     let [nx, ny, nz] = SIZE;
     let [us, vs] = [nz * FINE, ny * FINE].map(|n| (0..n).map(|i| i as f64 / FINE as f64 - 0.25).collect::<Vec<_>>());
@@ -72,7 +72,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
     let n = nx * ny * nz;
     let [mut r, mut w, mut staged_r, mut staged_w, mut column_r] = std::array::from_fn(|_| vec![0.0; n]);
     let mut column_w = vec![0.0; nx * ny];
-    // The band of the first stage: kernel along u, rows scaled to sum 1.
+    // The band of the first region: kernel along u, rows scaled to sum 1.
     let band: Vec<Vec<f64>> = (0..nz)
         .map(|z| {
             let row: Vec<f64> = us.iter().map(|u| g.weight(z as f64 - u)).collect();
@@ -82,7 +82,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
         .collect();
     for (i, at) in AT.iter().enumerate() {
         let picture: Vec<Vec<f64>> = us.iter().map(|u| vs.iter().map(|v| scene([*at, *v, *u])).collect()).collect();
-        // First stage: a column of z for every v, of values and of certainty.
+        // First region: a column of z for every v, of values and of certainty.
         let filter = |f: &dyn Fn(usize, usize) -> f64| -> Vec<Vec<f64>> {
             (0..vs.len())
                 .map(|v| band.iter().map(|row| row.iter().enumerate().map(|(u, k)| k * f(u, v)).sum()).collect())
@@ -134,11 +134,11 @@ mod tests {
     #[test]
     fn two_stages_equal_3d_sum_column_weight_needs_full_coverage() {
         for coverage in [Coverage::Full, Coverage::Parts, Coverage::Fan] {
-            let woven = weave(coverage).unwrap();
-            assert!(apart(&woven.staged, &woven.direct) < 1e-12, "{coverage:?}");
-            let column = apart(&woven.column, &woven.direct);
+            let found = means(coverage).unwrap();
+            assert!(apart(&found.staged, &found.direct) < 1e-12, "{coverage:?}");
+            let column = apart(&found.column, &found.direct);
             assert_eq!(column < 1e-12, coverage == Coverage::Full, "{coverage:?}: {column}");
-            assert!(woven.direct.iter().flatten().all(|v| (59.9..181.0).contains(v)));
+            assert!(found.direct.iter().flatten().all(|v| (59.9..181.0).contains(v)));
         }
     }
 }

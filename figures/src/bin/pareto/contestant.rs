@@ -165,8 +165,8 @@ impl Contestant {
         match self.path {
             Path::Kernel(method, [in_plane, across]) => {
                 let ends = [(across, ""), (in_plane, " in the plane")];
-                let told = ends.map(|(e, place)| e.map_or_else(String::new, |e| format!(", E_e {e}{place}")));
-                format!("{}{}{planar}", method.name(), told.concat())
+                let energies = ends.map(|(e, place)| e.map_or_else(String::new, |e| format!(", E_e {e}{place}")));
+                format!("{}{}{planar}", method.name(), energies.concat())
             }
             Path::AutoSigma => format!("{}, auto σ{planar}", Method::default().name()),
             Path::BruteForce => "brute force, f64".into(),
@@ -226,7 +226,7 @@ impl Contestant {
     ///
     /// # Errors
     /// If a slice is refused.
-    pub(crate) fn weave(&self, input: &Input<'_>) -> Result<(Vec<f64>, Reconstructed), Box<dyn Error>> {
+    pub(crate) fn reconstruct(&self, input: &Input<'_>) -> Result<(Vec<f64>, Reconstructed), Box<dyn Error>> {
         let Input { slices, mask, .. } = *input;
         match self.path {
             Path::Kernel(..) | Path::AutoSigma => {

@@ -126,7 +126,7 @@ pub(crate) fn measure(
             by_family(points.into_iter()),
         ));
     }
-    text += "Every fourth slice is left out in turn but for the first and the last, all others are woven, and the volume is read at its pixels. What a slice shows that its \
+    text += "Every fourth slice is left out in turn but for the first and the last, all others are reconstructed, and the volume is read at its pixels. What a slice shows that its \
              neighbours do not is in every row alike; differences between rows are the methods'. Times are of one run.\n";
     report.section(text);
     fs::write(folder.join("left-out.csv"), csv)?;
@@ -134,7 +134,7 @@ pub(crate) fn measure(
         let figure = Figure {
             id: "left-out",
             title: "Recordings: slices predicted from the others".into(),
-            caption: "Root mean square difference between the pixels of slices left out and the volume woven of the others, over the pixels that all predict. \
+            caption: "Root mean square difference between the pixels of slices left out and the volume reconstructed from the others, over the pixels that all predict. \
                       Kernels have the default's effective width; what follows pixels has it across the plane only. The errors' axis does not begin at zero: what a slice \
                       shows that its neighbours do not is in all of them alike."
                 .into(),
@@ -169,9 +169,9 @@ fn predict(slices: &[Slice], mask: &Mask, gap_mm: f64) -> Result<Vec<Predicted>,
             slices.iter().enumerate().filter(|(i, _)| !is_out(*i)).map(|(_, slice)| slice.clone()).collect();
         let input = Input { slices: &kept, mask, pixel_mm, effective_mm, sigma_n_mm, gap_mm, grid: &grid };
         for predicted in &mut all {
-            let (ms, woven) = predicted.contestant.weave(&input)?;
+            let (ms, reconstructed) = predicted.contestant.reconstruct(&input)?;
             predicted.ms.extend(ms);
-            let field = woven.field();
+            let field = reconstructed.field();
             for (_, slice) in slices.iter().enumerate().filter(|(i, _)| is_out(*i)) {
                 let Pixels::U8(pixels) = slice.image.pixels() else {
                     return Err("slices are left out of recordings of 8 bits only".into());

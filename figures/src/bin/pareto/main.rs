@@ -143,7 +143,7 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
         // An interrupted run has written its rows so far.
         rows::write_csv(&rows, folder)?;
     }
-    rows::tell_verdicts(&rows, &mut report);
+    rows::print_verdicts(&rows, &mut report);
     storage::measure(effort.stored, &mut report, folder)?;
     rendering::measure(effort.rendering, &mut report, folder)?;
     left_out::measure(project, effort.whole, &mut report, folder)?;

@@ -137,17 +137,17 @@ pub(crate) fn measure(
     let mut dear = Vec::new();
     let mut default: Option<Field> = None;
     for contestant in contestants {
-        let (times, woven) = contestant.weave(&input)?;
+        let (times, reconstructed) = contestant.reconstruct(&input)?;
         dear.push(times.iter().sum::<f64>() > DEAR_MS);
         let what = format!("{}, {}", stage.plan.title, contestant.name());
-        let deviation = deviation(contestant, &input, &woven, &what, report)?;
+        let deviation = deviation(contestant, &input, &reconstructed, &what, report)?;
         let each_slice = |work: Work| Some(work.voxels_updated as f64 / work.slices as f64);
-        let (updated, node_px) = match &woven {
+        let (updated, node_px) = match &reconstructed {
             Reconstructed::Bricks(r) => (each_slice(r.work()), r.decimation().map(|(step, _)| step[0])),
             Reconstructed::Columns(r) => (each_slice(r.work()), None),
             Reconstructed::Exact(_) | Reconstructed::Dense(_) => (None, None),
         };
-        let field = woven.field();
+        let field = reconstructed.field();
         if contestant.is_default() && contestant.threads > 1 {
             let one = default.as_ref().ok_or("the default on one thread comes first")?;
             report.findings.check(one.same_bits(&field), format!("{what}: other bits than on one thread"));
@@ -192,7 +192,7 @@ pub(crate) fn measure(
             .iter()
             .map(|i| {
                 let (contestant, input) = (contestants[*i], &input);
-                Box::new(move || contestant.weave(input).map(|(times, _)| times)) as Turn<'_>
+                Box::new(move || contestant.reconstruct(input).map(|(times, _)| times)) as Turn<'_>
             })
             .collect();
         let times = interleaved(rounds, &mut turns)?;
@@ -213,11 +213,11 @@ fn quartiles(times: &Times) -> [f64; 3] {
 fn deviation(
     contestant: &Contestant,
     input: &Input<'_>,
-    woven: &Reconstructed,
+    reconstructed: &Reconstructed,
     what: &str,
     report: &mut Report,
 ) -> Result<Option<[f64; 2]>, Box<dyn Error>> {
-    let deviation = match (contestant.path, woven) {
+    let deviation = match (contestant.path, reconstructed) {
         (path, Reconstructed::Bricks(bricks)) => {
             let mut deviation = against_equations(bricks, input.slices, input.mask)?;
             if let Path::Kernel(Method::Nearest, _) = path {

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path as Folder;
 
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 
 use reconstruct::kernel::Method;
 
@@ -65,17 +65,17 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
 }
 
 /// Returns name and style of a contestant.
-fn family(contestant: &Contestant) -> (&'static str, Look, Ink) {
+fn family(contestant: &Contestant) -> (&'static str, SeriesStyle, Ink) {
     match contestant.path {
-        _ if contestant.is_default() => ("default configuration", Look::Triangles, Ink::Black),
-        Path::Kernel(Method::Gaussian, _) => ("gaussian less pedestal", Look::Discs, Ink::Blue),
-        Path::Kernel(Method::GaussianTruncated, _) => ("gaussian, cut", Look::Discs, Ink::Sky),
-        Path::Kernel(Method::BSpline3, _) => ("B-spline", Look::Squares, Ink::Green),
-        Path::Kernel(Method::Linear, _) => ("linear in plane", Look::Squares, Ink::Purple),
-        Path::Kernel(Method::Nearest, _) => ("nearest pixel", Look::Triangles, Ink::Orange),
-        Path::AutoSigma => ("default, auto σ", Look::Squares, Ink::Black),
-        Path::Splat(_) => ("pixels dropped into voxels, holes filled", Look::Crosses, Ink::Vermilion),
-        Path::BruteForce => ("brute force, f64", Look::Crosses, Ink::Grey),
+        _ if contestant.is_default() => ("default configuration", SeriesStyle::Triangles, Ink::Black),
+        Path::Kernel(Method::Gaussian, _) => ("gaussian less pedestal", SeriesStyle::Discs, Ink::Blue),
+        Path::Kernel(Method::GaussianTruncated, _) => ("gaussian, cut", SeriesStyle::Discs, Ink::Sky),
+        Path::Kernel(Method::BSpline3, _) => ("B-spline", SeriesStyle::Squares, Ink::Green),
+        Path::Kernel(Method::Linear, _) => ("linear in plane", SeriesStyle::Squares, Ink::Purple),
+        Path::Kernel(Method::Nearest, _) => ("nearest pixel", SeriesStyle::Triangles, Ink::Orange),
+        Path::AutoSigma => ("default, auto σ", SeriesStyle::Squares, Ink::Black),
+        Path::Splat(_) => ("pixels dropped into voxels, holes filled", SeriesStyle::Crosses, Ink::Vermilion),
+        Path::BruteForce => ("brute force, f64", SeriesStyle::Crosses, Ink::Grey),
     }
 }
 
@@ -95,10 +95,10 @@ const ORDER: [&str; 9] = [
 pub(crate) fn by_family(points: impl Iterator<Item = (Contestant, [f64; 2])>) -> Vec<Series> {
     let mut families: Vec<Series> = Vec::new();
     for (contestant, point) in points {
-        let (name, look, ink) = family(&contestant);
+        let (name, view_settings, ink) = family(&contestant);
         match families.iter_mut().find(|s| s.name == name) {
             Some(series) => series.points.push(point),
-            None => families.push(Series::new(name, look, ink, vec![point])),
+            None => families.push(Series::new(name, view_settings, ink, vec![point])),
         }
     }
     families.sort_by_key(|series| ORDER.iter().position(|name| *name == series.name));
@@ -153,7 +153,7 @@ fn panel(scan: &[&Row], measure: Measure) -> Panel {
         shown.iter().filter(|(row, _)| measure.compares(row)).map(|(_, point)| *point).collect();
     let x = range(shown.iter().map(|(_, p)| p[0]));
     let y = range(shown.iter().map(|(_, p)| p[1]));
-    let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&compared, x, 2.0 * y[1]))];
+    let mut series = vec![Series::new("Pareto front", SeriesStyle::Line, Ink::Grey, steps(&compared, x, 2.0 * y[1]))];
     series.extend(by_family(shown.into_iter().map(|(row, point)| (row.contestant, point))));
     let unit = if measure == Measure::Slope { "RMSE, levels/mm" } else { "RMSE, grey levels" };
     Panel::new(scan.first().map_or("", |row| row.title), axis("ms a slice", x), axis(unit, y), series)
@@ -202,15 +202,15 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
                 axis("ms a slice", x),
                 axis(unit, y),
                 vec![
-                    Series::new("voxels of .5 to 1.5 σ, default kernel", Look::Line, Ink::Blue, ours.clone()),
-                    Series::new("", Look::Discs, Ink::Blue, ours),
-                    Series::new("voxels of .5 to 1.5 σ, B-spline", Look::Line, Ink::Green, spline.clone()),
-                    Series::new("", Look::Squares, Ink::Green, spline),
-                    Series::new("E_e .1 to 1e-4, cut", Look::Dashed, Ink::Vermilion, cut.clone()),
-                    Series::new("", Look::Squares, Ink::Vermilion, cut),
-                    Series::new("E_e .1 to 1e-4, less pedestal", Look::Dashed, Ink::Purple, less.clone()),
-                    Series::new("", Look::Discs, Ink::Purple, less),
-                    Series::new("default configuration", Look::Triangles, Ink::Black, default),
+                    Series::new("voxels of .5 to 1.5 σ, default kernel", SeriesStyle::Line, Ink::Blue, ours.clone()),
+                    Series::new("", SeriesStyle::Discs, Ink::Blue, ours),
+                    Series::new("voxels of .5 to 1.5 σ, B-spline", SeriesStyle::Line, Ink::Green, spline.clone()),
+                    Series::new("", SeriesStyle::Squares, Ink::Green, spline),
+                    Series::new("E_e .1 to 1e-4, cut", SeriesStyle::Dashed, Ink::Vermilion, cut.clone()),
+                    Series::new("", SeriesStyle::Squares, Ink::Vermilion, cut),
+                    Series::new("E_e .1 to 1e-4, less pedestal", SeriesStyle::Dashed, Ink::Purple, less.clone()),
+                    Series::new("", SeriesStyle::Discs, Ink::Purple, less),
+                    Series::new("default configuration", SeriesStyle::Triangles, Ink::Black, default),
                 ],
             ));
         }
@@ -260,7 +260,7 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
         }
         let points: Vec<[f64; 2]> = shown.iter().map(|(_, p)| *p).collect();
         let [x, y] = [0, 1].map(|c| range(points.iter().map(|p| p[c])));
-        let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&points, x, 2.0 * y[1]))];
+        let mut series = vec![Series::new("Pareto front", SeriesStyle::Line, Ink::Grey, steps(&points, x, 2.0 * y[1]))];
         series.extend(by_family(shown.into_iter()));
         let title = match measure {
             Measure::Anyone | Measure::Truth => "Value, any width, against the truth",

@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
-use sonoweave_figures::{Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Figure, Ink, Panel, Series, SeriesStyle};
 
 use reconstruct::PathReconstructor;
 use render::classify::transfer::Transfer;
@@ -71,9 +71,9 @@ impl Way {
         format!("{}, p {arity}, stop {stop}, step {}{rays}", self.cache.name(), self.step)
     }
 
-    fn of(self, look: &RenderSettings) -> RenderSettings {
+    fn of(self, view_settings: &RenderSettings) -> RenderSettings {
         let Self { cache, stop, step, arity, epsilon: adaptive } = self;
-        RenderSettings { cache, stop, step, arity, adaptive, ..look.clone() }
+        RenderSettings { cache, stop, step, arity, adaptive, ..view_settings.clone() }
     }
 
     /// Returns all settings, the default first.
@@ -105,13 +105,13 @@ impl Way {
 }
 
 /// The scan, in two parts.
-struct Looked {
+struct FollowedVolume {
     doll: Doll,
     /// The slices that follow: from the middle, where most is visible.
     followed: Range<usize>,
 }
 
-impl Looked {
+impl FollowedVolume {
     fn new(followed: u32) -> Result<Self, Box<dyn Error>> {
         let first = (SLICES - followed) / 2;
         Ok(Self { doll: Doll::new(SLICES)?, followed: first as usize..(first + followed) as usize })
@@ -119,24 +119,24 @@ impl Looked {
 
     /// Returns the volume without the slices that follow.
     fn begun(&self) -> Result<PathReconstructor, Box<dyn Error>> {
-        let mut weaver = self.doll.weaver(1)?;
+        let mut reconstructor = self.doll.reconstructor(1)?;
         let Range { start, end } = self.followed;
         for slice in self.doll.slices[..start].iter().chain(&self.doll.slices[end..]) {
-            weaver.insert(slice)?;
+            reconstructor.insert(slice)?;
         }
-        Ok(weaver)
+        Ok(reconstructor)
     }
 
     /// Returns for each following slice the time of shading and rays, and of rays alone; then
     /// the time of the first picture, ms.
     fn follow(&self, settings: &RenderSettings) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
-        let (mut weaver, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.stage)?);
+        let (mut reconstructor, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.region)?);
         let ms = |took: Duration| took.as_secs_f64() * 1e3;
-        let Updated { shade, rays, .. } = renderer.update_all(weaver.volume());
+        let Updated { shade, rays, .. } = renderer.update_all(reconstructor.volume());
         let mut found = [Vec::new(), Vec::new(), vec![ms(shade + rays)]];
         for slice in &self.doll.slices[self.followed.clone()] {
-            let touched = weaver.insert(slice)?;
-            let Updated { shade, rays, .. } = show(&mut renderer, &weaver, &touched);
+            let touched = reconstructor.insert(slice)?;
+            let Updated { shade, rays, .. } = show(&mut renderer, &reconstructor, &touched);
             found[0].push(ms(shade + rays));
             found[1].push(ms(rays));
         }
@@ -158,14 +158,14 @@ struct Row {
 /// # Errors
 /// If a file cannot be written.
 pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
-    let scene = Looked::new(extent.followed)?;
+    let scene = FollowedVolume::new(extent.followed)?;
     let mut csv =
         String::from("preset,cache,arity,stop,step_voxels,epsilon,ms_slice,ms_slice_rays,ms_new_view,rms,max\n");
-    let (mut panels, mut told) = (Vec::new(), Vec::new());
+    let (mut panels, mut lines) = (Vec::new(), Vec::new());
     for (preset, title) in [("phantom", "bodies in clear water"), ("xray", "everything visible")] {
         let transfer = Transfer::preset(preset, [0.0, 255.0])?;
-        let look = RenderSettings { size: [extent.side; 2], transfer, ..scene.doll.look.clone() };
-        let rows = rows(&scene, &look, extent, preset, report)?;
+        let view_settings = RenderSettings { size: [extent.side; 2], transfer, ..scene.doll.view_settings.clone() };
+        let rows = rows(&scene, &view_settings, extent, preset, report)?;
         for Row { way, ms, error } in &rows {
             let arity = way.arity.map_or_else(|| "usual".into(), |p| p.to_string());
             let numbers = [ms[0], ms[1], ms[2], error[0], error[1]].map(|x| x.to_string()).join(",");
@@ -174,7 +174,7 @@ pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Res
         }
         for (which, name) in ["a slice", "a slice, rays alone", "a new view"].into_iter().enumerate() {
             panels.push(panel(&rows, which, title, &format!("ms {name}")));
-            told.push(verdict(&rows, which, name, title));
+            lines.push(verdict(&rows, which, name, title));
         }
     }
     fs::write(folder.join("rendering.csv"), csv)?;
@@ -184,7 +184,7 @@ pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Res
          and samples every voxel.\n\n{2}",
         extent.side,
         digits(f64::from(STOP), 2),
-        markdown(&["measure", "front, from the fastest", "default: ms, RMSE", "its place"], &told)
+        markdown(&["measure", "front, from the fastest", "default: ms, RMSE", "its place"], &lines)
     ));
     let figure = Figure {
         id: "rendering",
@@ -200,20 +200,20 @@ pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Res
 }
 
 fn rows(
-    scene: &Looked,
-    look: &RenderSettings,
+    scene: &FollowedVolume,
+    view_settings: &RenderSettings,
     extent: Extent,
     preset: &str,
     report: &mut Report,
 ) -> Result<Vec<Row>, Box<dyn Error>> {
     let begun = scene.begun()?;
-    let fine = RenderSettings { step: FINEST, ..look.clone() };
-    let exact = reference::render(begun.volume(), &fine, &scene.doll.stage)?;
+    let fine = RenderSettings { step: FINEST, ..view_settings.clone() };
+    let exact = reference::render(begun.volume(), &fine, &scene.doll.region)?;
     let ways = Way::all(extent.whole);
     let mut rows = Vec::new();
     let mut pictures: Vec<Picture> = Vec::new();
     for way in &ways {
-        let (picture, samples) = made(&begun, way.of(look), scene.doll.stage)?;
+        let (picture, samples) = made(&begun, way.of(view_settings), scene.doll.region)?;
         judge(way, &picture, samples, &ways[..pictures.len()], &pictures, &format!("{preset}, {}", way.name()), report);
         let [most, rms] = exact.difference(&picture).map(|d| 255.0 * d);
         report.findings.check(rms < 4.0, format!("{preset}, {}: {rms} grey levels rms from f64", way.name()));
@@ -230,12 +230,12 @@ fn rows(
             .findings
             .check(fine <= coarse, format!("{preset}: {fine} with a step of {}, {coarse} with {}", pair[0], pair[1]));
     }
-    against_own_equations(&begun, look, &pictures, scene.doll.stage, preset, report)?;
+    against_own_equations(&begun, view_settings, &pictures, scene.doll.region, preset, report)?;
     let mut all: Vec<[Vec<f64>; 3]> = ways.iter().map(|_| Default::default()).collect();
     let mut turns: Vec<Turn<'_>> = Vec::new();
     for (way, all) in ways.iter().zip(&mut all) {
         turns.push(Box::new(move || {
-            let found = scene.follow(&way.of(look))?;
+            let found = scene.follow(&way.of(view_settings))?;
             all.iter_mut().zip(&found).for_each(|(all, found)| all.extend(found));
             Ok(found[0].clone())
         }));
@@ -252,9 +252,9 @@ fn rows(
 fn made(
     begun: &PathReconstructor,
     settings: RenderSettings,
-    stage: RenderRegion,
+    region: RenderRegion,
 ) -> Result<(Picture, u32), Box<dyn Error>> {
-    let mut renderer = Renderer::new(&settings, stage)?;
+    let mut renderer = Renderer::new(&settings, region)?;
     renderer.update_all(begun.volume());
     Ok((renderer.picture(), renderer.samples()))
 }
@@ -288,13 +288,13 @@ fn judge(
 /// and the part behind the rays' ends.
 fn against_own_equations(
     begun: &PathReconstructor,
-    look: &RenderSettings,
+    view_settings: &RenderSettings,
     pictures: &[Picture],
-    stage: RenderRegion,
+    region: RenderRegion,
     preset: &str,
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
-    let own: ReferencePicture = reference::render(begun.volume(), look, &stage)?;
+    let own: ReferencePicture = reference::render(begun.volume(), view_settings, &region)?;
     let default = pictures.first().ok_or("the default comes first")?;
     let [most, _] = own.difference(default);
     report.findings.check(most <= 1.0 / 255.0, format!("{preset}: the default is {most} from its equations"));
@@ -308,22 +308,22 @@ fn points(rows: &[Row], which: usize) -> Vec<[f64; 2]> {
 fn panel(rows: &[Row], which: usize, title: &str, label: &str) -> Panel {
     let all = points(rows, which);
     let [x, y] = [0, 1].map(|c| range(all.iter().map(|p| p[c])));
-    let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&all, x, 2.0 * y[1]))];
-    for (cache, look, ink) in [
-        (Cache::None, Look::Crosses, Ink::Grey),
-        (Cache::Linear, Look::Squares, Ink::Green),
-        (Cache::OneLevel, Look::Squares, Ink::Vermilion),
-        (Cache::TwoLevel, Look::Discs, Ink::Blue),
+    let mut series = vec![Series::new("Pareto front", SeriesStyle::Line, Ink::Grey, steps(&all, x, 2.0 * y[1]))];
+    for (cache, view_settings, ink) in [
+        (Cache::None, SeriesStyle::Crosses, Ink::Grey),
+        (Cache::Linear, SeriesStyle::Squares, Ink::Green),
+        (Cache::OneLevel, SeriesStyle::Squares, Ink::Vermilion),
+        (Cache::TwoLevel, SeriesStyle::Discs, Ink::Blue),
     ] {
         let of =
             |(row, _): &(&Row, &[f64; 2])| row.way.cache == cache && row.way.epsilon == 0.0 && row.way != Way::DEFAULT;
         let marks = rows.iter().zip(&all).filter(of).map(|(_, point)| *point).collect();
         let name = if cache == Cache::None { "no" } else { cache.name() };
-        series.push(Series::new(format!("{name} cache"), look, ink, marks));
+        series.push(Series::new(format!("{name} cache"), view_settings, ink, marks));
     }
     let sparse = rows.iter().zip(&all).filter(|(row, _)| row.way.epsilon > 0.0).map(|(_, point)| *point).collect();
-    series.push(Series::new("adaptive rays, any cache", Look::Triangles, Ink::Purple, sparse));
-    series.push(Series::new("default configuration", Look::Triangles, Ink::Black, all[..1].to_vec()));
+    series.push(Series::new("adaptive rays, any cache", SeriesStyle::Triangles, Ink::Purple, sparse));
+    series.push(Series::new("default configuration", SeriesStyle::Triangles, Ink::Black, all[..1].to_vec()));
     Panel::new(title, axis(label, x), axis("RMSE, grey levels", y), series)
 }
 
@@ -348,15 +348,15 @@ fn verdict(rows: &[Row], which: usize, name: &str, title: &str) -> Vec<String> {
     };
     // A point whose error hardly differs from that of a faster one is not listed.
     let mut least = f64::INFINITY;
-    let mut told = front(&all);
-    told.retain(|place| {
+    let mut lines = front(&all);
+    lines.retain(|place| {
         let better = all[*place][1] < (1.0 - SLACK) * least;
         least = if better { all[*place][1] } else { least };
         better
     });
     vec![
         format!("{name}, {title}"),
-        told.iter().map(shown).collect::<Vec<_>>().join("; "),
+        lines.iter().map(shown).collect::<Vec<_>>().join("; "),
         format!("{}, {}", digits(ms, 3), digits(error, 3)),
         place,
     ]

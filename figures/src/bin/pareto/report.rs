@@ -32,11 +32,11 @@ impl Report {
     pub(crate) fn finish(self, folder: &Path) -> Result<bool, Box<dyn Error>> {
         fs::write(folder.join("table.md"), self.sections.join("\n"))?;
         let safe = self.sections.join("\n").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
-        let told = format!(
+        let text = format!(
             "<p>The tables are in <a href=\"table.md\">table.md</a>, all rows in <a href=\"rows.csv\">rows.csv</a>.</p>\n<details><summary>Tables</summary><pre>{safe}</pre></details>"
         );
-        fs::write(folder.join("index.html"), files::page("Run time against error", &told, self.findings.figures()))?;
-        Ok(self.findings.tell())
+        fs::write(folder.join("index.html"), files::page("Run time against error", &text, self.findings.figures()))?;
+        Ok(self.findings.report())
     }
 }
 

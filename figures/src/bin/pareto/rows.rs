@@ -54,7 +54,7 @@ fn matched(contestant: &Contestant) -> &'static str {
 
 /// Reports the default beside the baselines, its rivals, two threads, and the contestants that
 /// are not compared.
-pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
+pub(crate) fn print_verdicts(rows: &[Row], report: &mut Report) {
     let scans = scans(rows);
     report.section(format!(
         "## Run time against error\n\nEach cell: ms a slice / RMSE against the truth, grey levels. One thread; inside the sweep, read between voxels; what a method \
@@ -62,7 +62,7 @@ pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
         beside_baselines(&scans)
     ));
     let (table, counts) = verdicts(&scans);
-    let told: Vec<String> = Measure::ALL
+    let lines: Vec<String> = Measure::ALL
         .iter()
         .zip(counts)
         .map(|(m, [on, near])| format!("{}: on the front of {on} of {}, near it on {near} more", m.name(), scans.len()))
@@ -72,7 +72,7 @@ pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
          one of both; the best is named with its part of the default's time and of its error. The default is near the front where no rival gains more than \
          {} %. The first three columns compare contestants of the default's effective width on all axes; pixel-following kernels (that width across the plane \
          only), splats (the voxels' width) and `--sigma auto` (the scan's) are in the last.\n\n{table}",
-        told.join("\n- "),
+        lines.join("\n- "),
         100.0 * SLACK,
         100.0 * NEAR
     ));

@@ -198,7 +198,7 @@ fn scene(column: usize) -> f64 {
 }
 
 /// Inserts one slice into all layers that it reaches.
-fn weave(store: &mut Store, slice: &Slice) {
+fn insert(store: &mut Store, slice: &Slice) {
     let (mut r, mut w) = ([0.0_f32; SIZE[0]], [0.0_f32; SIZE[0]]);
     for (z, weight) in slice.weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
         for (y, values) in slice.values.chunks_exact(SIZE[0]).enumerate() {
@@ -227,7 +227,7 @@ impl Exact {
         Self { voxels, sums }
     }
 
-    fn weave(&mut self, slice: &Slice) {
+    fn insert(&mut self, slice: &Slice) {
         let layer = SIZE[0] * SIZE[1];
         for (voxel, [r, w]) in self.voxels.iter().zip(&mut self.sums) {
             let weight = f64::from(slice.weights[voxel / layer]);
@@ -264,12 +264,12 @@ pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(
     let mut errors = [const { Vec::new() }; Format::ALL.len()];
     for number in 1..=most {
         let slice = slices.draw();
-        exact.weave(&slice);
+        exact.insert(&slice);
         for turn in 0..stores.len() {
             // The order alternates, so that each format finds the caches in varying states.
             let i = if number % 2 == 0 { turn } else { stores.len() - 1 - turn };
             let start = Instant::now();
-            weave(&mut stores[i], &slice);
+            insert(&mut stores[i], &slice);
             times[i].push(start.elapsed().as_secs_f64() * 1e3);
         }
         if JUDGED.contains(&number) {
@@ -299,7 +299,7 @@ pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(
     fs::write(folder.join("storage.csv"), csv)?;
     let columns = ["kept as", "bytes a voxel", "ms a slice", "rms error after 10 slices", "after 100", "after 1000"];
     report.section(format!(
-        "## What a voxel is kept in\n\nA plain dense weaver of its own ({}×{}×{} voxels, every slice over the same place within ±{WANDER_MM} mm), in which only \
+        "## What a voxel is kept in\n\nA plain dense reconstructor of its own ({}×{}×{} voxels, every slice over the same place within ±{WANDER_MM} mm), in which only \
          the storage differs: its times compare among themselves and with nothing else. Errors are from sums in f64 of the same slices, grey levels; the slices' \
          noise of {NOISE} levels is not part of them.\n\n{}",
         SIZE[0],
@@ -343,8 +343,8 @@ mod tests {
         let (mut slices, mut store, mut exact) = (Slices::new().unwrap(), Store::new(Format::SumsF32), Exact::new());
         for _ in 0..3 {
             let slice = slices.draw();
-            weave(&mut store, &slice);
-            exact.weave(&slice);
+            insert(&mut store, &slice);
+            exact.insert(&slice);
         }
         let [rms, bias] = exact.differences(&store);
         assert!(rms < 1e-4 && bias.abs() < 1e-4, "{rms} {bias}");

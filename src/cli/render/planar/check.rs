@@ -2,19 +2,19 @@
 
 use super::{Draw, PlanarFlags};
 use crate::cli::Failure;
-use crate::cli::render::look::{Look, Mode};
+use crate::cli::render::view_flags::{Mode, ViewFlags};
 
 impl PlanarFlags {
     /// Refuses contradictory flags, before any work.
     ///
     /// # Errors
     /// [`Failure`] with the flag and the remedy.
-    pub(in crate::cli::render) fn check(&self, look: &Look) -> Result<(), Failure> {
+    pub(in crate::cli::render) fn check(&self, view_flags: &ViewFlags) -> Result<(), Failure> {
         let refuse = |text: String| Err(Failure(text));
         if self.draw.as_ref().is_some_and(|draw| draw.contains(&Draw::None) && draw.len() > 1) {
             return refuse("--draw none: cannot be combined with other names; leave them out".into());
         }
-        if look.mode != Mode::Slice {
+        if view_flags.mode != Mode::Slice {
             let given =
                 [("--at", self.at.is_some()), ("--plane", self.plane.is_some()), ("--overlay", self.overlay.is_some())];
             return match given.iter().find(|(_, given)| *given) {
@@ -24,16 +24,16 @@ impl PlanarFlags {
                 None => Ok(()),
             };
         }
-        let usual = Look::usual();
+        let usual = ViewFlags::usual();
         let other = [
-            ("--view", look.view.is_some()),
-            ("--perspective", look.perspective.is_some()),
-            ("--transfer", look.transfer.is_some()),
-            ("--step", look.step != usual.step),
-            ("--arity", look.arity.is_some()),
-            ("--stop", look.stop.is_some()),
-            ("--adaptive", look.adaptive != 0.0),
-            ("--background", look.background != usual.background),
+            ("--view", view_flags.view.is_some()),
+            ("--perspective", view_flags.perspective.is_some()),
+            ("--transfer", view_flags.transfer.is_some()),
+            ("--step", view_flags.step != usual.step),
+            ("--arity", view_flags.arity.is_some()),
+            ("--stop", view_flags.stop.is_some()),
+            ("--adaptive", view_flags.adaptive != 0.0),
+            ("--background", view_flags.background != usual.background),
         ];
         if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
             return refuse(format!(

@@ -26,7 +26,7 @@ fn projection_precedes_picture_and_is_resent_on_change() {
     session.screen.drawn(&picture, [0.0; 3]);
     assert_eq!(told(&mut page), (0, 1), "it is the same view");
     page.say(&json!({ "do": "shown", "kind": 2, "sequence": 2 }));
-    picture.renderer.look(render::camera::View { azimuth: 70.0, ..Default::default() }).unwrap();
+    picture.renderer.set_view(render::camera::View { azimuth: 70.0, ..Default::default() }).unwrap();
     session.screen.drawn(&picture, [0.0; 3]);
     assert_eq!(told(&mut page), (1, 2));
 }

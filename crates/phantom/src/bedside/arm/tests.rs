@@ -264,30 +264,30 @@ fn driver_reads_arm_on_terminal_and_finds_probe() {
 }
 
 /// Inserts frames by the planar path on the base's axes.
-fn woven(slices: impl Iterator<Item = Slice>) -> PathReconstructor {
+fn inserted(slices: impl Iterator<Item = Slice>) -> PathReconstructor {
     let settings = reconstruct::Settings::new(DVec3::splat(0.5));
     let planar = PlanarSettings {
         direction: Some(DMat3::IDENTITY),
         on_departure: OnDeparture::Refuse,
         ..PlanarSettings::default()
     };
-    let mut weaver = PathReconstructor::planar(settings, planar, Mask::full(64, 48)).unwrap();
+    let mut reconstructor = PathReconstructor::planar(settings, planar, Mask::full(64, 48)).unwrap();
     for slice in slices {
-        weaver.insert(&slice).unwrap();
+        reconstructor.insert(&slice).unwrap();
     }
-    assert_eq!((weaver.path(), weaver.upgraded()), (Path::Planar, None));
-    weaver
+    assert_eq!((reconstructor.path(), reconstructor.upgraded()), (Path::Planar, None));
+    reconstructor
 }
 
 /// Compares a volume with another one, at voxels seen in both, in grey levels.
 fn differ(a: &PathReconstructor, b: &PathReconstructor) -> Errors {
-    let bounds = |weaver: &PathReconstructor| weaver.volume().seen_bounds().unwrap();
+    let bounds = |reconstructor: &PathReconstructor| reconstructor.volume().seen_bounds().unwrap();
     let (low, high) = bounds(b);
     let all: Vec<[i64; 3]> = (low[2]..=high[2])
         .flat_map(|z| (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y, z])))
         .collect();
-    let value = |weaver: &PathReconstructor, voxel: [i64; 3]| {
-        let (r, w) = weaver.volume().voxel(voxel);
+    let value = |reconstructor: &PathReconstructor, voxel: [i64; 3]| {
+        let (r, w) = reconstructor.volume().voxel(voxel);
         (w > 0.0).then(|| r / w)
     };
     let reference: Vec<f32> = all.iter().map(|voxel| value(b, *voxel).unwrap_or(f32::NAN)).collect();
@@ -315,7 +315,7 @@ fn sweep_by_counts_matches_volume_of_true_poses() {
             // The base is the world here.
             world_from_image: Transform::from_affine(place(*seen_ns).affine()),
         };
-        woven(sweep.iter().map(slice))
+        inserted(sweep.iter().map(slice))
     };
     let by_arm = |arm: &Arm| {
         slices(&|at| arm.pose(&values_at(arm, &tracks, at).unwrap()).tracker_from_probe() * held.probe_from_image())

@@ -6,7 +6,7 @@ use sonoweave_core::slice::Slice;
 use volume::Voxels;
 use volume::brick_volume::SEEN;
 
-use super::{full, grid_around, refusing, settings, sweep, voxels, woven};
+use super::{full, grid_around, reconstructed, refusing, settings, sweep, voxels};
 use crate::{Compounding, Decay, PathReconstructor, Reconstructor, Settings, Simd};
 
 const MODES: [Decay; 3] = [
@@ -47,7 +47,7 @@ fn differing(a: &dyn Voxels, b: &dyn Voxels, settings: &Settings) -> (usize, usi
 #[test]
 fn fading_matches_general_path() {
     for decay in MODES {
-        let planar = woven(&fading(decay), refusing(), &full(), &slices());
+        let planar = reconstructed(&fading(decay), refusing(), &full(), &slices());
         let mut general = Reconstructor::new(planar.settings().clone(), full()).unwrap();
         for slice in slices() {
             general.insert(&slice).unwrap();
@@ -57,7 +57,7 @@ fn fading_matches_general_path() {
         // At the edge of a slice's support, columns are accepted here and voxels there.
         assert!(seen > 5000 && differ * 100 < seen, "{decay:?}: {differ} of {seen}");
         // Without decay the volume differs.
-        let plain = woven(&settings(), refusing(), &full(), &slices());
+        let plain = reconstructed(&settings(), refusing(), &full(), &slices());
         let (_, differ) = differing(planar.volume(), plain.volume(), planar.settings());
         assert!(differ * 10 > seen, "{decay:?}: {differ} of {seen}");
     }
@@ -68,7 +68,7 @@ fn simd_and_threads_give_same_bits() {
     for decay in MODES {
         let run = |simd, threads| {
             let settings = Settings { simd, threads, max_weight: 1.5, ..fading(decay) };
-            super::bits(woven(&settings, refusing(), &full(), &slices()).volume())
+            super::bits(reconstructed(&settings, refusing(), &full(), &slices()).volume())
         };
         let reference = run(Simd::Portable, 1);
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
@@ -84,8 +84,8 @@ fn upgrade_keeps_ages() {
     for decay in MODES {
         let slices = slices();
         // Once entirely on the planar path, once with the second half on the general one.
-        let planar = woven(&fading(decay), refusing(), &full(), &slices);
-        let half = woven(&fading(decay), refusing(), &full(), &slices[..6]);
+        let planar = reconstructed(&fading(decay), refusing(), &full(), &slices);
+        let half = reconstructed(&fading(decay), refusing(), &full(), &slices[..6]);
         let mut upgraded = half.upgraded().unwrap();
         let (seen, differ) = differing(half.volume(), upgraded.volume(), half.settings());
         assert!(seen > 3000 && differ == 0, "{decay:?}: taking over changes no value");
@@ -100,13 +100,13 @@ fn upgrade_keeps_ages() {
 #[test]
 fn columns_dated_only_with_decay() {
     let bytes = |settings: &Settings| {
-        let r = woven(settings, refusing(), &full(), &slices());
+        let r = reconstructed(settings, refusing(), &full(), &slices());
         r.volume().bytes() as f64 / r.volume().voxels() as f64
     };
     let (plain, dated) = (bytes(&settings()), bytes(&fading(MODES[1])));
     // 8 bytes per column.
-    let depth = woven(&settings(), refusing(), &full(), &slices()).volume().depth() as f64;
+    let depth = reconstructed(&settings(), refusing(), &full(), &slices()).volume().depth() as f64;
     assert!((dated - plain - 8.0 / depth).abs() < 0.1, "{dated} {plain}");
-    let weaver = PathReconstructor::planar(fading(MODES[1]), refusing(), full()).unwrap();
-    assert_eq!(weaver.path().name(), "planar");
+    let path_reconstructor = PathReconstructor::planar(fading(MODES[1]), refusing(), full()).unwrap();
+    assert_eq!(path_reconstructor.path().name(), "planar");
 }

@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn refused_slices_change_nothing() {
     let slices = sweep(DQuat::from_rotation_x(1.0), 0.0, 3);
-    let mut r = woven(&settings(), refusing(), &full(), &slices[..1]);
+    let mut r = reconstructed(&settings(), refusing(), &full(), &slices[..1]);
     let (before, work, lattice) = (bits(r.volume()), r.work(), r.settings().lattice_direction);
     let good = &slices[1];
     let pose = good.world_from_image.affine();
@@ -89,7 +89,7 @@ fn non_rectangular_mask_refused_before_slices() {
 #[test]
 fn upgrade_keeps_every_voxel() {
     let slices = sweep(DQuat::from_rotation_y(0.4), 0.0, 6);
-    let planar = woven(&settings(), refusing(), &full(), &slices);
+    let planar = reconstructed(&settings(), refusing(), &full(), &slices);
     let general = planar.upgraded().unwrap();
     assert!(bits(planar.volume()) == bits(general.volume()));
     assert_eq!(general.work(), planar.work());
@@ -97,7 +97,7 @@ fn upgrade_keeps_every_voxel() {
     let mut general = general;
     assert_eq!(general.insert(&slices[5]), Err(Refused::Repeated), "what came last is known");
     let tight = Settings { memory_bytes: planar.volume().bytes() + 4096, ..settings() };
-    let planar = woven(&tight, refusing(), &full(), &slices);
+    let planar = reconstructed(&tight, refusing(), &full(), &slices);
     assert!(matches!(planar.upgraded().err(), Some(Refused::Memory { .. })), "bricks take twice the memory");
 }
 
@@ -143,10 +143,10 @@ fn general_mask_refused_or_upgrades() {
         PathReconstructor::planar(settings(), refusing(), fan.clone()).err(),
         Some(SettingsError::Planar(_))
     ));
-    let mut weaver = PathReconstructor::planar(settings(), PlanarSettings::default(), fan).unwrap();
-    assert_eq!(weaver.path(), Path::General);
-    assert!(matches!(weaver.upgraded(), Some(Departure::Mask { .. })));
-    assert!(weaver.insert(&sweep(DQuat::IDENTITY, 0.0, 1)[0]).is_ok());
+    let mut path_reconstructor = PathReconstructor::planar(settings(), PlanarSettings::default(), fan).unwrap();
+    assert_eq!(path_reconstructor.path(), Path::General);
+    assert!(matches!(path_reconstructor.upgraded(), Some(Departure::Mask { .. })));
+    assert!(path_reconstructor.insert(&sweep(DQuat::IDENTITY, 0.0, 1)[0]).is_ok());
 }
 
 #[test]

@@ -120,9 +120,9 @@ fn even_path() -> impl Iterator<Item = [f64; 3]> {
     }
     let whole = length[length.len() - 1];
     (0..MAP_POINTS).map(move |point| {
-        let wanted = whole * f64::from(point) / f64::from(MAP_POINTS - 1);
-        let chord = length.partition_point(|reached| *reached < wanted).clamp(1, length.len() - 1);
-        let share = (wanted - length[chord - 1]) / (length[chord] - length[chord - 1]);
+        let target = whole * f64::from(point) / f64::from(MAP_POINTS - 1);
+        let chord = length.partition_point(|reached| *reached < target).clamp(1, length.len() - 1);
+        let share = (target - length[chord - 1]) / (length[chord] - length[chord - 1]);
         srgb(path((chord as f64 - 1.0 + share) / f64::from(CHORDS)))
     })
 }

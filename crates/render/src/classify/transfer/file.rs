@@ -149,16 +149,16 @@ fn only<'a>(entry: &Entry<'a>, kinds: &[&'static str]) -> Result<(&'static str, 
     }
 }
 
-fn curve(entry: &Entry<'_>, wanted: &str) -> Result<super::Curve, FileError> {
-    points(entry, wanted, |[position, value]| (position, [value]))
+fn curve(entry: &Entry<'_>, expected: &str) -> Result<super::Curve, FileError> {
+    points(entry, expected, |[position, value]| (position, [value]))
 }
 
 fn points<const M: usize, const N: usize>(
     entry: &Entry<'_>,
-    wanted: &str,
+    expected: &str,
     point: fn([f64; M]) -> (f64, [f64; N]),
 ) -> Result<Piecewise<N>, FileError> {
-    let items = entry.items(&format!("a list of {wanted}"))?;
+    let items = entry.items(&format!("a list of {expected}"))?;
     let points = items.iter().map(|item| Ok(point(item.numbers()?))).collect::<Result<Vec<_>, FileError>>()?;
     Piecewise::through(&points).map_err(|e: CurveError| {
         let at = e.index().and_then(|index| items.get(index)).unwrap_or(entry);

@@ -9,7 +9,7 @@ use crate::camera::View;
 
 const LAST: i64 = 39;
 
-fn stage() -> RenderRegion {
+fn region() -> RenderRegion {
     let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-0.5);
     let affine = DAffine3 {
         matrix3: turned * DMat3::from_diagonal(DVec3::new(0.5, 0.6, 0.7)),
@@ -42,10 +42,10 @@ fn changes(at: DVec3, prism: &Prism) -> bool {
 /// Checks every pixel's interval against each of its samples. Returns the numbers of changed
 /// samples, and of pixels marked without any changed sample.
 fn check(view: View, prism: &Prism) -> [usize; 2] {
-    let stage = stage();
-    let camera = Camera::new(&view, [37, 31], 0.8, &stage).unwrap();
-    let pencil = ViewRays::new(&camera);
-    let body = Body::<6>::new(&pencil, &prism.faces.map(reached));
+    let region = region();
+    let camera = Camera::new(&view, [37, 31], 0.8, &region).unwrap();
+    let rays = ViewRays::new(&camera);
+    let body = Body::<6>::new(&rays, &prism.faces.map(reached));
     let clip = prism.faces.map(reached);
     let (mut changed, mut outline) = (0, 0);
     for j in 0..31 {
@@ -55,7 +55,7 @@ fn check(view: View, prism: &Prism) -> [usize; 2] {
             let ray = camera.ray(i, j);
             let in_columns = (left..=right).contains(&i64::from(i));
             let [from, to] = match in_columns {
-                true => whole(row.samples(&pencil, i), [0, camera.samples()], 0),
+                true => whole(row.samples(&rays, i), [0, camera.samples()], 0),
                 false => [0, 0],
             };
             let at = |k: u32| ray.base + ray.step * f64::from(k);
@@ -97,7 +97,7 @@ fn slab_viewed_edge_on_is_line_of_pixels() {
     let centre = DVec3::splat(0.5 * LAST as f64 + 8.0);
     for perspective in [None, Some(40.0)] {
         let view = View { azimuth: 25.0, elevation: 10.0, perspective, ..View::default() };
-        let camera = Camera::new(&view, [37, 31], 0.8, &stage()).unwrap();
+        let camera = Camera::new(&view, [37, 31], 0.8, &region()).unwrap();
         let (ray, [right, down]) = camera.first_ray();
         // The plane of the rays of the middle column, in which the eye lies.
         let middle = camera.ray(18, 15);
@@ -121,20 +121,20 @@ fn slab_viewed_edge_on_is_line_of_pixels() {
 #[test]
 fn only_pixels_in_outline_are_tested() {
     let centre = DVec3::splat(0.5 * LAST as f64 + 8.0);
-    let camera = Camera::new(&View::default(), [64, 64], 1.0, &stage()).unwrap();
-    let pencil = ViewRays::new(&camera);
+    let camera = Camera::new(&View::default(), [64, 64], 1.0, &region()).unwrap();
+    let rays = ViewRays::new(&camera);
     let small = prism(centre, [DVec3::X, DVec3::Y, DVec3::Z], [2.0; 3]);
-    let body = Body::<6>::new(&pencil, &small.faces.map(reached));
-    let mut asked = 0;
+    let body = Body::<6>::new(&rays, &small.faces.map(reached));
+    let mut tested = 0;
     for j in 0..64 {
         let row = body.row(j);
         let [first, last] = row.columns([0, 63]);
         // Within the outline, each ray meets the body.
         for i in first..=last {
-            let [from, to] = row.samples(&pencil, i as u32);
+            let [from, to] = row.samples(&rays, i as u32);
             assert!(from <= to + 1e-3, "{i} {j}: {from} {to}");
-            asked += 1;
+            tested += 1;
         }
     }
-    assert!((20..700).contains(&asked), "{asked}");
+    assert!((20..700).contains(&tested), "{tested}");
 }

@@ -82,33 +82,37 @@ impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
 }
 
 /// The region's bricks by place.
-pub(super) struct Table {
+pub(super) struct BrickTable {
     size: [u32; 3],
     slots: Vec<u32>,
 }
 
-impl Table {
+impl BrickTable {
     pub(super) fn new(size: [u32; 3]) -> Self {
         let n = size.iter().map(|s| *s as usize).product();
         Self { size, slots: vec![ABSENT; n] }
     }
 
     /// Returns the index of a place; `None` outside of the region.
+    #[inline]
     pub(super) fn index(&self, at: [i64; 3]) -> Option<usize> {
         let inside = (0..3).all(|a| (0..i64::from(self.size[a])).contains(&at[a]));
         inside.then(|| ((at[2] * i64::from(self.size[1]) + at[1]) * i64::from(self.size[0]) + at[0]) as usize)
     }
 
+    #[inline]
     pub(super) fn place(&self, index: usize) -> [i64; 3] {
         let [nx, ny, _] = self.size.map(|s| s as usize);
         [index % nx, index / nx % ny, index / (nx * ny)].map(|x| x as i64)
     }
 
+    #[inline]
     pub(super) fn get(&self, at: [i64; 3]) -> Option<usize> {
         let slot = self.slots[self.index(at)?];
         (slot != ABSENT).then_some(slot as usize)
     }
 
+    #[inline]
     pub(super) fn set(&mut self, index: usize, slot: u32) {
         self.slots[index] = slot;
     }
@@ -139,10 +143,10 @@ pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>)
 }
 
 /// The voxels of the render region.
-pub(super) struct Shown {
+pub(super) struct VoxelSnapshot {
     first: [i64; 3],
     bounds: [[i64; 3]; 2],
-    pub(super) table: Table,
+    pub(super) table: BrickTable,
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
     bricks: Vec<Box<Brick>>,
@@ -167,12 +171,12 @@ impl Changed {
     }
 }
 
-impl Shown {
-    pub(super) fn new(stage: &RenderRegion) -> Self {
+impl VoxelSnapshot {
+    pub(super) fn new(region: &RenderRegion) -> Self {
         Self {
-            first: stage.first(),
-            bounds: stage.bounds(),
-            table: Table::new(stage.bricks()),
+            first: region.first(),
+            bounds: region.bounds(),
+            table: BrickTable::new(region.bricks()),
             bricks: Vec::new(),
             places: Vec::new(),
         }
@@ -181,7 +185,7 @@ impl Shown {
     /// Reads some bricks of the volume, given by lattice index divided by 8. Adds bricks in
     /// which any bit of a value or weight changed to `changed`; ignores those outside of the
     /// region.
-    pub(super) fn take(
+    pub(super) fn read(
         &mut self,
         volume: &(impl Values + ?Sized),
         bricks: &[BrickIndex],

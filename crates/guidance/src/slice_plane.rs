@@ -7,9 +7,9 @@ use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 
 /// A slice's plane. Positions in it are pixels (u, v) and the distance along the normal, mm.
 #[derive(Debug, Clone, Copy)]
-pub struct Pane {
-    world_from_pane: DAffine3,
-    pane_from_world: DAffine3,
+pub struct SlicePlane {
+    world_from_plane: DAffine3,
+    plane_from_world: DAffine3,
     corners: [DVec3; 4],
     middle: DVec3,
     pixel_mm: [f64; 2],
@@ -18,24 +18,24 @@ pub struct Pane {
     rows: [f64; 2],
 }
 
-impl Pane {
+impl SlicePlane {
     /// Creates the plane; `None` for a degenerate pose, or an empty mask.
     pub fn new(world_from_image: Transform<World, ImageFrame>, mask: &Mask) -> Option<Self> {
         let affine = world_from_image.affine();
         let [u, v] = [affine.matrix3.x_axis, affine.matrix3.y_axis];
         let normal = u.cross(v).try_normalize()?;
-        let world_from_pane = DAffine3 { matrix3: DMat3::from_cols(u, v, normal), translation: affine.translation };
-        let pane_from_world = world_from_pane.inverse();
+        let world_from_plane = DAffine3 { matrix3: DMat3::from_cols(u, v, normal), translation: affine.translation };
+        let plane_from_world = world_from_plane.inverse();
         let bounds = mask.bounds()?;
         let span = |first: u32, count: u32| [f64::from(first), f64::from(first + count - 1)];
         let (columns, rows) = (span(bounds.x, bounds.width), span(bounds.y, bounds.height));
-        let at = |u: f64, v: f64| world_from_pane.transform_point3(DVec3::new(u, v, 0.0));
+        let at = |u: f64, v: f64| world_from_plane.transform_point3(DVec3::new(u, v, 0.0));
         let corners = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[u, v]| at(columns[u], rows[v]));
         let middle = at(0.5 * (columns[0] + columns[1]), 0.5 * (rows[0] + rows[1]));
         let pixel_mm = [u.length(), v.length()];
-        (pane_from_world.is_finite() && world_from_pane.is_finite()).then_some(Self {
-            world_from_pane,
-            pane_from_world,
+        (plane_from_world.is_finite() && world_from_plane.is_finite()).then_some(Self {
+            world_from_plane,
+            plane_from_world,
             corners,
             middle,
             pixel_mm,
@@ -46,22 +46,22 @@ impl Pane {
 
     /// Returns the world position of a pixel, mm.
     pub fn world(&self, u: f64, v: f64) -> DVec3 {
-        self.world_from_pane.transform_point3(DVec3::new(u, v, 0.0))
+        self.world_from_plane.transform_point3(DVec3::new(u, v, 0.0))
     }
 
     /// Returns the pixel and the distance along the normal of a world position.
     pub fn local(&self, world: DVec3) -> DVec3 {
-        self.pane_from_world.transform_point3(world)
+        self.plane_from_world.transform_point3(world)
     }
 
     /// Returns the distance of a world position from the plane along its normal, mm.
     pub fn distance(&self, world: DVec3) -> f64 {
-        self.pane_from_world.matrix3.row(2).dot(world) + self.pane_from_world.translation.z
+        self.plane_from_world.matrix3.row(2).dot(world) + self.plane_from_world.translation.z
     }
 
     /// Returns the unit normal, along u × v.
     pub fn normal(&self) -> DVec3 {
-        self.world_from_pane.matrix3.z_axis
+        self.world_from_plane.matrix3.z_axis
     }
 
     /// Returns the corners of the data rectangle in the world, in order from the first pixel

@@ -7,7 +7,7 @@ use super::lighting::Lighting;
 use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
 pub(in crate::cli) use config::look::Mode;
-use config::look::{Classified, Look as Said};
+use config::look::{Classified, Look as ViewSettings};
 use render::RenderSettings;
 use render::camera::View;
 use render::classify::light::Light;
@@ -15,7 +15,7 @@ use render::classify::light::Light;
 /// View, mode and quality of a picture.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Picture")]
-pub(in crate::cli) struct Look {
+pub(in crate::cli) struct ViewFlags {
     /// Pixels of the picture
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::picture_size)]
     pub(in crate::cli) image_size: ImageSize,
@@ -81,7 +81,7 @@ pub(super) struct Usual {
     pub(super) background: Colour,
 }
 
-impl Look {
+impl ViewFlags {
     pub(super) fn usual() -> Usual {
         Usual { step: STEP, background: BACKGROUND }
     }
@@ -89,7 +89,7 @@ impl Look {
     /// Returns the view of a volume whose slices lie along these axes, rotated by `turned`
     /// degrees about the world's z axis.
     pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
-        self.said(Light::default()).view(slice_axes, turned, turns)
+        self.view_settings(Light::default()).view(slice_axes, turned, turns)
     }
 
     /// Refuses flags that suit no volume, before any work.
@@ -98,7 +98,7 @@ impl Look {
     /// [`Failure`] with the flag and its valid values.
     pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
         self.planar.check(self)?;
-        self.said(self.lighting.light()?).check().map_err(Failure::flag)
+        self.view_settings(self.lighting.light()?).check().map_err(Failure::flag)
     }
 
     /// Returns the render settings for a volume with these slice axes, and grey values from
@@ -112,21 +112,21 @@ impl Look {
         slice_axes: Option<[DVec3; 2]>,
         threads: usize,
     ) -> Result<RenderSettings, Failure> {
-        self.said(self.lighting.light()?).settings(range, slice_axes, threads).map_err(Failure::flag)
+        self.view_settings(self.lighting.light()?).settings(range, slice_axes, threads).map_err(Failure::flag)
     }
 
     /// Returns the transparency at which rays end, if they may end early.
     pub(in crate::cli) fn stops(&self) -> Option<f32> {
-        self.said(Light::default()).stops()
+        self.view_settings(Light::default()).stops()
     }
 
     /// Returns the transfer function's preset or file.
     pub(in crate::cli) fn transfer_name(&self) -> String {
-        self.said(Light::default()).transfer_name().to_owned()
+        self.view_settings(Light::default()).transfer_name().to_owned()
     }
 
-    fn said(&self, light: Light) -> Said {
-        Said {
+    fn view_settings(&self, light: Light) -> ViewSettings {
+        ViewSettings {
             image_size: self.image_size,
             view: self.view,
             perspective: self.perspective,
@@ -154,12 +154,12 @@ mod tests {
     #[derive(Parser)]
     struct Command {
         #[command(flatten)]
-        look: Look,
+        look: ViewFlags,
     }
 
     #[test]
     fn usual_equals_parser_defaults() {
-        let (look, usual) = (Command::parse_from(["render"]).look, Look::usual());
+        let (look, usual) = (Command::parse_from(["render"]).look, ViewFlags::usual());
         assert_eq!((look.step, look.background), (usual.step, usual.background));
         assert!(look.transfer.is_none() && look.stop.is_none() && look.adaptive == 0.0);
         assert!(look.view.is_none() && look.perspective.is_none() && look.arity.is_none());
