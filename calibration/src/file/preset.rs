@@ -35,7 +35,7 @@ use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::keys::{Entry, FileError, Table};
 use sonoweave_core::region::{ClipRect, Fan};
 
-use super::{clip, fan, line, matrix_text};
+use super::values::{clip, fan, line, matrix_text};
 use crate::error::PresetError;
 
 /// Relative tolerance of ruler scales; reading two marks to a pixel each is less exact.

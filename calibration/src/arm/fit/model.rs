@@ -3,9 +3,10 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Known, Number, Options, Touch, refusal};
+use super::number::Number;
+use super::options::Options;
+use super::touches::{Known, Touch};
 use crate::arm::{Arm, JOINTS, Joint, Values};
-use crate::error::ArmError;
 use crate::least_squares::{
     Blocks, Loss, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve,
 };
@@ -85,7 +86,7 @@ impl<'a> Model<'a> {
         self.placing.map_or(DVec2::ZERO, |(_, shift)| DVec2::from_array(state.vector(shift)))
     }
 
-    /// Returns the touches of both ends of a distance; [`refusal::check`] has verified that
+    /// Returns the touches of both ends of a distance; [`check`](super::refusal::check) has verified that
     /// there are two.
     fn ends(&self, distance: usize) -> [&'a Touch; 2] {
         let mut own = self.touches.iter().filter(|touch| touch.of == distance);
@@ -175,13 +176,9 @@ impl<'a> Model<'a> {
         }
     }
 
-    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, ArmError> {
+    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, Unsolved> {
         let settings = Settings { loss, noise, ..Settings::default() };
-        solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks)).map_err(|unsolved| match unsolved {
-            Unsolved::TooFew { parameters, .. } => ArmError::Few { touches: self.touches.len(), numbers: parameters },
-            Unsolved::NotFinite { .. } => ArmError::Senseless("a number is not finite".into()),
-            Unsolved::Undetermined { directions } => refusal::unseen(self, &directions),
-        })
+        solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks))
     }
 }
 

@@ -1,10 +1,12 @@
 //! Refusals: parameters that the touches do not determine, and the touches to add.
 
 use super::model::{self, Model};
-use super::{Known, Number, Options, Touch};
+use super::number::Number;
+use super::options::Options;
+use super::touches::{Known, Touch};
 use crate::arm::{Arm, JOINTS, Kind};
 use crate::error::ArmError;
-use crate::least_squares::{Direction, Solution};
+use crate::least_squares::{Direction, Solution, Unsolved};
 
 /// Touches are in one pose if no joint moves the tip by more than this, mm.
 const ONE_POSE_MM: f64 = 5.0;
@@ -58,6 +60,15 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
         return Err(ArmError::OnePose { touches: touches.len() });
     }
     Ok(())
+}
+
+/// Returns the refusal of touches for which the solver found no solution.
+pub(super) fn of(model: &Model<'_>, unsolved: Unsolved) -> ArmError {
+    match unsolved {
+        Unsolved::TooFew { parameters, .. } => ArmError::Few { touches: model.touches.len(), numbers: parameters },
+        Unsolved::NotFinite { .. } => ArmError::Senseless("a number is not finite".into()),
+        Unsolved::Undetermined { directions } => unseen(model, &directions),
+    }
 }
 
 /// Returns the refusal for undetermined directions, with advice.

@@ -8,7 +8,7 @@ use super::*;
 use crate::arm::check::check;
 use crate::arm::inverse::Elbow;
 use crate::arm::reach::Reach;
-use crate::arm::{PlanarPose, Sign};
+use crate::arm::{Joint, Kind, PlanarPose, Sign};
 use crate::error::ArmError;
 use crate::least_squares::check_jacobian;
 use crate::noise::Noise as Random;

@@ -8,7 +8,6 @@ use crate::least_squares::{Blocks, Parameters, Rotation, Side, State, Vector, Wh
 use crate::phantom::file::Registration;
 use crate::probe::layout::Layout;
 use crate::probe::plane::ImagePlane;
-use crate::probe::refine::Sought;
 use crate::probe::scatter::Scattered;
 use crate::probe::sighting::{Sighting, off_wire};
 use crate::probe::track::Track;
@@ -22,6 +21,18 @@ pub(super) const USUAL_LAG_S: f64 = 0.5;
 const USUAL_ERROR_MM: f64 = 0.5;
 /// Number of columns of all parameters.
 const COLUMNS: usize = 16;
+
+/// Optional unknowns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sought {
+    /// Fit the skew of u and v.
+    pub skew: bool,
+    /// Fit the registration's error, within its stated uncertainty.
+    pub registration: bool,
+    /// Fit the lag of poses behind images. Without times, or with the probe held still for
+    /// every image, it is undetermined.
+    pub lag: bool,
+}
 
 /// The parameters.
 #[derive(Debug, Clone, Copy)]

@@ -4,6 +4,7 @@ use super::*;
 use crate::least_squares::check_jacobian;
 use crate::noise::{self, mahalanobis};
 use crate::probe::linear::start;
+use crate::probe::plane::ImagePlane;
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan, places};
 
 const PLANE: Sought = Sought { skew: false, registration: false, lag: false };
