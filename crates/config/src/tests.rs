@@ -1,3 +1,8 @@
+use std::path::Path;
+
+use mask::{Clip, MaskSettings};
+use sonoweave_core::region::{ClipRect, Fan};
+
 use super::*;
 
 fn parse(text: &str) -> Result<Settings, String> {

@@ -8,7 +8,7 @@ mod plane;
 
 use std::path::Path;
 
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 
 use super::ExportError;
 use super::legend::{self, Entry, Legend, short};
@@ -16,20 +16,11 @@ use super::lettering;
 use super::panel::{Frame, GUTTER};
 use super::picture::write_rgb;
 pub use super::shades::{Shades, Shown};
+pub use super::style::UNSEEN;
+use super::style::{DOT, GAP, PAPER};
 pub use plane::Panel;
 use volume::Grid;
 
-/// Colour of unseen voxels: a muted blue, distinct from all grey levels.
-pub const UNSEEN: Rgb<u8> = Rgb([46, 64, 96]);
-
-pub(super) const PAPER: Rgb<u8> = Rgb([20, 20, 22]);
-pub(super) const INK: Rgb<u8> = Rgb([214, 214, 214]);
-pub(super) const BORDER: Rgb<u8> = Rgb([120, 120, 124]);
-
-/// Pixels per dot of the lettering.
-pub(super) const DOT: u32 = 2;
-/// Gap around everything and between planes, pixels.
-pub(super) const GAP: u32 = 16;
 /// Largest drawn edge of a plane, pixels.
 const LARGEST: u32 = 1600;
 

@@ -4,7 +4,7 @@ use image::Rgb;
 
 use super::legend::{Entry, short};
 use super::panel::grey;
-use super::planes::UNSEEN;
+use super::style::UNSEEN;
 
 /// Colour scheme of values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

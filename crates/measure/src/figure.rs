@@ -3,8 +3,10 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
-use super::{Kind, MeasureError, Place};
+use crate::error::MeasureError;
+use crate::place::Place;
 
 /// Distance from a plane, as a share of an area's size, above which a note is given.
 const FLAT: f64 = 0.02;
@@ -16,6 +18,22 @@ const SQUARE: f64 = 0.18;
 const SAME_MM: f64 = 1e-6;
 /// Step of a point for numerical derivatives, mm.
 const STEP_MM: f64 = 1e-4;
+
+/// Kinds of figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Distance between two points, mm.
+    Distance,
+    /// Angle at the middle one of three points, degrees.
+    Angle,
+    /// Area within a closed line through points, mm².
+    Area,
+    /// Volume of a body with three orthogonal diameters, π/6·a·b·c, mm³.
+    Ellipsoid,
+    /// Volume of a body cut into slabs, the sum of area times thickness, mm³.
+    Stack,
+}
 
 /// A valid figure.
 #[derive(Debug, Clone, PartialEq)]

@@ -19,16 +19,13 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 pub use error::MeasureError;
-pub use figure::Figure;
+pub use figure::{Figure, Kind};
+use place::MOST_WIDE_MM;
 pub use place::Place;
 pub use sources::{Slices, Source};
 
 /// Largest number of points of a figure.
 const MOST_POINTS: usize = 2000;
-/// Largest coordinate of a place in the world, mm.
-const MOST_MM: f64 = 1e5;
-/// Largest width of pixels and depths, mm.
-const MOST_WIDE_MM: f64 = 100.0;
 /// Standard deviations of the reported error.
 const SIGMAS: f64 = 2.0;
 
@@ -72,22 +69,6 @@ pub struct Asked {
     /// Width of a screen pixel for places that do not give their own, mm.
     #[serde(default)]
     pub pixel_mm: f64,
-}
-
-/// Kinds of figures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// Distance between two points, mm.
-    Distance,
-    /// Angle at the middle one of three points, degrees.
-    Angle,
-    /// Area within a closed line through points, mm².
-    Area,
-    /// Volume of a body with three orthogonal diameters, π/6·a·b·c, mm³.
-    Ellipsoid,
-    /// Volume of a body cut into slabs, the sum of area times thickness, mm³.
-    Stack,
 }
 
 /// Result of a measurement.

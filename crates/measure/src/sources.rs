@@ -11,7 +11,8 @@ use reconstruct::kernel::AxisKernel;
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::slice::Slice;
 
-use super::{MOST_MM, MeasureError};
+use super::MeasureError;
+use super::place::MOST_MM;
 
 /// Largest number of stored slice positions: nearly two hours at 60 a second, some 60 MB.
 const MOST: usize = 400_000;

@@ -11,6 +11,7 @@ use reconstruct::kernel::{AxisKernel, Method, Support};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Pixels, Slice};
 
+use super::place::MOST_MM;
 use super::*;
 
 const DOUBT: Uncertainty = Uncertainty { calibration_mm: Some(0.3), voxel_mm: 0.5, hwhm_mm: 0.6 };

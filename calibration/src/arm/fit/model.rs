@@ -86,8 +86,8 @@ impl<'a> Model<'a> {
         self.placing.map_or(DVec2::ZERO, |(_, shift)| DVec2::from_array(state.vector(shift)))
     }
 
-    /// Returns the touches of both ends of a distance; [`check`](super::refusal::check) has verified that
-    /// there are two.
+    /// Returns the touches of both ends of a distance, after
+    /// [`check`](super::refusal::check) has verified that there are two.
     fn ends(&self, distance: usize) -> [&'a Touch; 2] {
         let mut own = self.touches.iter().filter(|touch| touch.of == distance);
         let mut next = || own.next().unwrap_or(&self.touches[0]);

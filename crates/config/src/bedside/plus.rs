@@ -26,8 +26,9 @@ use mask::Clip;
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
 
-use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
-use super::{Bedside, FORMAT, VERSION};
+use super::file::Bedside;
+use super::frames::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
+use super::schema::{FORMAT, VERSION};
 use crate::plus::{Reader, document, is};
 use crate::texts::Texts;
 use crate::{Error, Kind, Settings};

@@ -150,4 +150,22 @@ impl<'a, 'e> Reader<'a, 'e> {
         self.note("latency_ms", &ms);
         ns(ms)
     }
+
+    /// Converts a driver's refusal of settings to an error at the right key.
+    pub(super) fn refused(&self, error: &drivers::Error) -> Error {
+        let line = if self.knows("port") { "port" } else { "device" };
+        match error {
+            drivers::Error::Setting { setting, problem, .. } => match *setting {
+                "stations" => self.error("probe_station", problem),
+                "stylus" => self.error("stylus_station", problem),
+                "fastest" => self.error("fastest_counts_per_s", problem),
+                // For a server's settings: names of transforms, and of the image.
+                "transforms" => self.error("probe", problem),
+                "image" => self.error("input", problem),
+                setting if self.knows(setting) => self.error(setting, problem),
+                _ => self.error(line, error.to_string()),
+            },
+            _ => self.error(line, error.to_string()),
+        }
+    }
 }

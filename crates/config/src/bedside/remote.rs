@@ -4,7 +4,7 @@ use drivers::OpenSettings;
 use drivers::grabber::GrabberSettings;
 use drivers::openigtlink::{RemotePictures, RemoteSettings, RemoteTransforms};
 
-use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, misuse};
+use super::frames::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME};
 use super::reader::Reader;
 use super::schema;
 use crate::Error;
@@ -50,7 +50,7 @@ impl Remote {
         }
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
         let remote = Self { address, transforms, interval_ms: given.interval_ms, latency_ns };
-        drivers::open(&remote.open_settings()).map_err(|error| misuse(&keys, &error))?;
+        drivers::open(&remote.open_settings()).map_err(|error| keys.refused(&error))?;
         Ok(remote)
     }
 }

@@ -1,14 +1,16 @@
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use proptest::prelude::*;
 use serde_json::json;
 
-use calibration::file::CalibrationFile;
+use calibration::file::{CalibrationFile, Latency};
 use drivers::OpenSettings;
 use drivers::tracker::polhemus::{Model, Port};
+use mask::Clip;
 use reconstruct::path_choice::PathChoice;
 use reconstruct::{Compounding, Decay};
+use sonoweave_core::date::Date;
 use sonoweave_core::frames::Transform;
 
 use super::*;

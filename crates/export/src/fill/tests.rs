@@ -4,8 +4,10 @@ use glam::DMat3;
 use proptest::prelude::*;
 
 use volume::brick::offset;
+use volume::brick_volume::SEEN;
 use volume::{BrickVolume, Grid};
 
+use super::reach::finest;
 use super::*;
 
 /// A lattice voxel and its value.

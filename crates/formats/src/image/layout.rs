@@ -3,7 +3,7 @@
 use sonoweave_core::reading::PixelType;
 
 use crate::Limits;
-use crate::image::header::{Fault, Field};
+use crate::image::fault::{Fault, Field};
 
 /// Largest expansion of a deflate stream: its shortest code for the longest copy (258 bytes)
 /// takes two bits.

@@ -72,6 +72,12 @@ pub(crate) fn number(token: &str) -> Option<f64> {
     })
 }
 
+/// Formats the numbers as the shortest decimals that read back the same.
+pub(crate) fn list(values: &[f64]) -> String {
+    let values: Vec<String> = values.iter().map(f64::to_string).collect();
+    values.join(" ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,7 +2,8 @@
 
 use sonoweave_core::reading::{Status, split_transform_name};
 
-use crate::image::header::{Fault, FrameField, Header};
+use crate::image::fault::Fault;
+use crate::image::header::{FrameField, Header};
 use crate::image::layout::Layout;
 use crate::image::numbers::{BadNumber, numbers, seconds, whole};
 use crate::image::spacing::{self, ELEMENT_SPACING};

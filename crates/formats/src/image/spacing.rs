@@ -2,8 +2,8 @@
 //! computations use the calibration's own scale.
 
 use crate::Unwritable;
+use crate::image::numbers::list;
 use crate::image::numbers::number;
-use crate::image::write::text::list;
 
 /// Sequence field: pixel spacing along the first and second axis, mm, and the value for the
 /// frame axis if it is not 1. Absent if a file states nothing, or 1 throughout, the usual value

@@ -239,7 +239,7 @@ mod tests {
 
     use super::*;
     use crate::image::Content;
-    use crate::image::header::Field;
+    use crate::image::fault::Field;
     use sonoweave_core::reading::PixelType;
 
     fn layout(layers: u64, layer_bytes: usize, pixel: PixelType, big_endian: bool, zlib: bool, data: &[u8]) -> Layout {

@@ -3,7 +3,7 @@
 use sonoweave_core::clock::{Clock as _, Monotonic, wall_now_ns};
 use sonoweave_core::{Description, Ticks, Timing};
 
-use crate::session::message::{name_of, named_text, pixel_of, texts};
+use crate::session::names::{name_of, named_text, pixel_of, texts};
 use crate::session::proto::{Fields, Malformed, Reader};
 use crate::session::schema::{OWN, VERSION};
 

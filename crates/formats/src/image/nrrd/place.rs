@@ -1,9 +1,10 @@
 //! Reads the position of an NRRD volume in space, in ITK's coordinates: left, posterior,
 //! superior, if the file gives its orientation.
 
-use crate::image::header::{Fault, Field, Header};
+use crate::image::fault::{Fault, Field};
+use crate::image::header::Header;
 use crate::image::numbers::{finite, number};
-use crate::image::volume::Place;
+use crate::image::place::Place;
 
 pub(super) fn place(header: &Header) -> Result<Place, Fault> {
     let signs = signs(header)?;
