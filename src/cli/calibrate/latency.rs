@@ -27,10 +27,6 @@ use source::Source;
 
 /// Largest number of slices held at once. Pairs of more take longer than they are worth.
 const MOST_SLICES: u64 = 1000;
-/// Difference between the found lag and a recording's pairing lag at which a note is printed,
-/// standard errors.
-const OTHER: f64 = 3.0;
-
 /// Flags of `calibrate latency`.
 #[derive(Debug, Args)]
 #[command(
@@ -99,8 +95,11 @@ enum Method {
 /// [`Failure`] when the recording does not determine the lag; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
-    let made =
-        arguments.gathering.of(arguments.live.as_ref())?.map(|path| guide::gathered(path, arguments)).transpose()?;
+    let made = arguments
+        .gathering
+        .of(arguments.live.as_ref())?
+        .map(|path| guide::gathered(path, &arguments.gathering))
+        .transpose()?;
     let source = arguments.source(made.as_deref())?;
     let config = arguments.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
     let nothing = Settings::default();

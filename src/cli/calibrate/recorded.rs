@@ -2,6 +2,7 @@
 //! Images are read one by one and are not kept.
 
 mod sequence;
+mod times;
 mod tracks;
 
 use std::path::{Path, PathBuf};
@@ -11,21 +12,20 @@ use calibration::picture::GreyView;
 use calibration::probe::track::{Poses, Track};
 use config::bedside::Bedside;
 use mask::{Mask, MaskPlan, MaskSettings};
-use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
-use sonoweave_core::reading::{Reading, Stamp};
+use pipeline::live::{Latencies, RecordedDecisions, walk};
+use sonoweave_core::reading::Reading;
 
 use super::super::{Failure, input};
-use crate::cli::live::stages::{Kept, instruments};
+use crate::cli::live::stages::Kept;
+use sequence::OfItem;
 pub(super) use sequence::each;
 use sonoweave_core::refusal::Refusal;
 use sonoweave_core::slice::{Image, Pixels};
 use sync::clock::Timed;
 use sync::ingest::live::Live;
 use sync::ingest::{Ingest, Picture, Sample};
-pub(super) use tracks::Tracks;
-
-/// Index of the grabber among a session's instruments.
-pub(super) const GRABBER: usize = 1;
+pub(super) use times::{seconds, stamps};
+pub(super) use tracks::{GRABBER, Tracks, without_latency};
 
 /// A recording.
 pub(super) enum Recorded {
@@ -81,9 +81,6 @@ impl Unfit {
         self.first.iter().map(note).collect()
     }
 }
-
-/// An item of a sequence and its poses, or the reason why it has none.
-type OfItem = (u64, Result<Poses, String>);
 
 /// Poses of a sensor relative to the reference.
 pub(super) enum Tracked {
@@ -254,20 +251,4 @@ pub(super) fn data(settings: &MaskSettings, [width, height]: [u32; 2]) -> Result
         MaskPlan::Fixed(mask) => Some(mask),
         MaskPlan::Auto(_) => None,
     })
-}
-
-/// Returns a session's devices with zero latency: the search is for the whole latency.
-pub(super) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
-    let instruments = instruments(bedside)?;
-    Ok(instruments.into_iter().map(|instrument| DeviceRole { latency_ns: 0, ..instrument }).collect())
-}
-
-pub(super) fn seconds(ns: i64) -> f64 {
-    ns as f64 * 1e-9
-}
-
-/// Returns the measurement times, if the source gives them.
-pub(super) fn stamps(stamp: &Stamp, number: Option<u64>) -> Option<Stamps> {
-    let given_s = stamp.host_ns.map(seconds).or(stamp.source_s)?;
-    Some(Stamps { given_s, raw_s: stamp.unfiltered_s, number })
 }

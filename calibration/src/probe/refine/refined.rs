@@ -89,8 +89,9 @@ impl Refined {
     }
 
     /// Returns the covariance of the plane's own numbers, named in
-    /// [`PLANE`](crate::probe::refine::PLANE). It is computed from the fitted scatter and multiplied by its correlation, which is
-    /// conservative for numbers with a prior. 0 for a skew that was not fitted.
+    /// [`PLANE`](crate::probe::refine::PLANE). It is computed from the fitted scatter and
+    /// multiplied by its correlation, which is conservative for numbers with a prior. 0 for a skew
+    /// that was not fitted.
     pub fn covariance(&self) -> [[f64; NUMBERS]; NUMBERS] {
         self.unknown.plane.covariance(self.solution.certainty()).map(|row| row.map(|entry| entry * self.lasting))
     }

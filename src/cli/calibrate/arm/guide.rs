@@ -10,8 +10,9 @@ use config::bedside::Tracking;
 use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
+use super::arguments::Arguments;
 use super::session::instrument;
-use super::{Arguments, Work};
+use super::work::Work;
 use crate::cli::Failure;
 
 /// Records the configured arm until its touches determine it well enough.

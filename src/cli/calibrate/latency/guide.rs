@@ -9,9 +9,8 @@ use calibration::latency::motion::{Motion, PoseSample};
 use config::bedside::devices::PROBE_FRAME;
 use sync::ingest::live::Live;
 
-use super::super::guide::{Advice, Guide, lead};
+use super::super::guide::{Advice, Gathering, Guide, lead};
 use super::super::recorded::{Tracks, without_latency};
-use super::Arguments;
 use crate::cli::Failure;
 
 /// Motion that determines a lag well: distance, mm, number of turning points, and duration, s.
@@ -23,12 +22,12 @@ const LONG_S: f64 = 12.0;
 ///
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
-pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
+pub(super) fn gathered(bedside: &Path, gathering: &Gathering) -> Result<PathBuf, Failure> {
     let begin = |bedside: &_| {
         let instruments = without_latency(bedside)?;
         Ok((UpAndDown { tracks: Tracks::of_instruments(&instruments, bedside) }, instruments))
     };
-    Ok(lead(bedside, &arguments.gathering, begin)?.session)
+    Ok(lead(bedside, gathering, begin)?.session)
 }
 
 struct UpAndDown {

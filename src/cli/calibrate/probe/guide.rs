@@ -11,9 +11,10 @@ use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
 use super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
+use super::arguments::Arguments;
 use super::recording::{Looker, number};
 use super::report::predicted_ends;
-use super::{Arguments, Failure};
+use crate::cli::Failure;
 
 /// Largest number of images in an evaluation, evenly spread over all. It takes about a second.
 const MOST_PICTURES: usize = 200;

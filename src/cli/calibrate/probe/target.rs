@@ -1,60 +1,30 @@
 //! A probe's calibration by a point, a stylus or a plane.
 
+mod flags;
 mod guide;
 mod look;
 mod page;
 mod report;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
-
-use clap::Args;
-use glam::DVec2;
 
 use calibration::error::{CalibrationError, ProbeError};
 use calibration::file::preset::Quality;
 use calibration::probe::target::{Calibration, Seen, Target, calibrate};
 use calibration::probe::{Observation, Recording};
 
-use super::super::super::{Failure, values};
+use super::super::super::Failure;
 use super::super::outputs::{Input, print};
 use super::super::tip::tip;
 use super::again::again;
+use super::arguments::{Arguments, Made, Method};
 use super::lag::Lag;
 use super::recording::{Observed, pictures};
-use super::{Arguments, Made, Method};
+
+pub(super) use flags::Flags;
 use look::{Names, look};
-use report::{Inputs, Report, text};
-
-/// Flags of the methods that need no phantom file.
-#[derive(Debug, Args)]
-pub(super) struct Flags {
-    /// Stylus tip, for --method stylus: a calibration file (TOML) or a PLUS XML with
-    /// StylusTipToStylus
-    #[arg(long, value_name = "FILE")]
-    stylus_tip: Option<PathBuf>,
-    /// Name of the frame of the stylus's sensor
-    #[arg(long, value_name = "NAME", default_value = "Stylus")]
-    stylus: String,
-    /// Error of the tip's position on the stylus along each axis, mm (one standard deviation)
-    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
-    tip_error: f64,
-    /// Name of the frame in which the point or the plane rests [default: Reference if the
-    /// recording has one, else Tracker]
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-}
-
-impl Flags {
-    /// Returns a given flag that the phantom's method has no use for, if any.
-    pub(super) fn given(&self) -> Option<&'static str> {
-        match () {
-            () if self.stylus_tip.is_some() => Some("--stylus-tip"),
-            () if self.reference.is_some() => Some("--reference"),
-            () => None,
-        }
-    }
-}
+use report::{Inputs, Report, ends, text};
 
 /// Runs the command by one of these methods.
 ///
@@ -177,10 +147,4 @@ fn quality(found: &Calibration) -> Quality {
         centre_mm,
         corner_mm,
     }
-}
-
-/// Returns the predicted error at the image's centre, and at its worst corner: one standard
-/// deviation, mm.
-fn ends(found: &Calibration) -> [f64; 2] {
-    super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }

@@ -11,8 +11,11 @@ use sonoweave_core::reading::{NamedTransform, Reading, Stamp, transform_name};
 use sync::pairing::stamped::RIGID_TOLERANCE;
 use sync::{PairingOptions, StampedPairing};
 
-use super::{OfItem, stamps};
+use super::times::stamps;
 use crate::cli::Failure;
+
+/// An item of a sequence and its poses, or the reason why it has none.
+pub(super) type OfItem = (u64, Result<Poses, String>);
 
 /// Passes every reading of a sequence to `take`.
 pub(in crate::cli::calibrate) fn each(

@@ -11,8 +11,12 @@ use sonoweave_core::refusal::Refusal;
 use sync::history::{PoseHistory, PoseSample};
 use sync::ingest::live::Live;
 
-use super::{GRABBER, seconds, without_latency};
+use super::times::seconds;
 use crate::cli::Failure;
+use crate::cli::live::stages::instruments;
+
+/// Index of the grabber among a session's instruments.
+pub(in crate::cli::calibrate) const GRABBER: usize = 1;
 
 /// The tracked frames of a session, each with its poses in the tracker's frame, by the session's
 /// clocks and without latency correction.
@@ -116,4 +120,10 @@ impl Tracks {
         });
         Ok(Track::new(poses.collect()).with_longest_gap(seconds(self.longest_gap_ns)))
     }
+}
+
+/// Returns a session's devices with zero latency: the search is for the whole latency.
+pub(in crate::cli::calibrate) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
+    let instruments = instruments(bedside)?;
+    Ok(instruments.into_iter().map(|instrument| DeviceRole { latency_ns: 0, ..instrument }).collect())
 }

@@ -13,9 +13,11 @@ use sync::ingest::live::Live;
 
 use super::super::super::guide::{Advice, Guide, lead};
 use super::super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
+use super::super::arguments::Arguments;
 use super::super::recording::{Region, number};
 use super::look::{Names, of_dots, part};
-use super::{Arguments, Failure, ends};
+use super::report::ends;
+use crate::cli::Failure;
 
 /// Largest number of images in an evaluation, evenly spread over all.
 const MOST_PICTURES: usize = 600;

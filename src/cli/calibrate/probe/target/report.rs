@@ -14,7 +14,6 @@ use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
 use super::super::again::Reproducibility;
 use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
-use super::ends;
 
 /// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
@@ -249,4 +248,10 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
         writeln!(text, "noise: {}\n{}", Scattered::of(&refined.scatter).words(), Rests::of(found.place()).words(frame));
     let _ = writeln!(text, "next view: {}", next(found));
     text
+}
+
+/// Returns the predicted error at the image's centre, and at its worst corner: one standard
+/// deviation, mm.
+pub(super) fn ends(found: &Calibration) -> [f64; 2] {
+    super::super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }
