@@ -187,8 +187,8 @@ impl Arguments {
         notes: &mut Vec<String>,
     ) -> Result<Result<FloorLag, CalibrationError>, Failure> {
         let mut still: Option<Still> = None;
-        let unfit = source.pictures(|shown, _| {
-            let view = shown.view()?;
+        let unfit = source.pictures(|image, _| {
+            let view = image.view()?;
             match &mut still {
                 None => still = Some(Still::new(&view)),
                 Some(still) => {
@@ -203,8 +203,8 @@ impl Arguments {
         let mut frames = Vec::new();
         if let Some(still) = still {
             let mut finder = Finder::new(still);
-            source.pictures(|shown, stamps| {
-                let line = finder.find(&shown.view()?);
+            source.pictures(|image, stamps| {
+                let line = finder.find(&image.view()?);
                 frames.push(FloorFrame { stamps, line });
                 Ok(())
             })?;
@@ -229,14 +229,14 @@ impl Arguments {
         // Finds the pixels that change at all, and counts the video frames.
         let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
         let mut count = 0_u64;
-        let unfit = source.pictures(|shown, _| {
+        let unfit = source.pictures(|image, _| {
             count += 1;
             match &mut ends {
-                None => ends = Some((shown.pixels.iter().map(|x| [*x; 2]).collect(), shown.size)),
-                Some((_, size)) if *size != shown.size => return Err(sizes(source)),
+                None => ends = Some((image.pixels.iter().map(|x| [*x; 2]).collect(), image.size)),
+                Some((_, size)) if *size != image.size => return Err(sizes(source)),
                 Some((ends, _)) => {
                     ends.iter_mut()
-                        .zip(shown.pixels)
+                        .zip(image.pixels)
                         .for_each(|([low, high], x)| (*low, *high) = ((*low).min(*x), (*high).max(*x)));
                 }
             }
@@ -258,9 +258,9 @@ impl Arguments {
         let mut slices = Slices::new(width, height, &is_data, probe_from_image, poses);
         let every = count.div_ceil(MOST_SLICES).max(1);
         let mut at = 0_u64;
-        source.pictures(|shown, stamps| {
+        source.pictures(|image, stamps| {
             if at.is_multiple_of(every) {
-                slices.push(stamps.given_s, shown.pixels, width, height);
+                slices.push(stamps.given_s, image.pixels, width, height);
             }
             at += 1;
             Ok(())

@@ -9,6 +9,7 @@ mod lag;
 mod page;
 mod recording;
 mod report;
+mod scan;
 mod target;
 
 use std::path::Path;
@@ -73,13 +74,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let layout = Layout::new(settings.geometry.clone()).map_err(|e| within(phantom, e.to_string()))?;
     let clip = clip.or(settings.clip);
     let began = Instant::now();
-    let look = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip);
+    let observe = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip);
     let made = arguments.gathering.of(arguments.live.as_ref())?;
     let made = made.map(|path| guide::gathered(path, arguments, &layout, &held, &settings.frames, clip)).transpose()?;
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
-    let seen = look(&recorded)?;
-    let second = arguments.second(&recorded)?.map(|second| look(&second)).transpose()?;
+    let seen = observe(&recorded)?;
+    let second = arguments.second(&recorded)?.map(|second| observe(&second)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within(path, "its frames differ in size from the second recording's".into()));
     }

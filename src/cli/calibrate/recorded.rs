@@ -36,7 +36,7 @@ pub(super) enum Recorded {
 }
 
 /// An image in 8 bits and MF orientation.
-pub(super) struct Shown<'a> {
+pub(super) struct GreyImage<'a> {
     /// Its number in the recording.
     pub(super) frame: u64,
     /// Its time stamps, if the recording has any.
@@ -45,7 +45,7 @@ pub(super) struct Shown<'a> {
     pub(super) pixels: &'a [u8],
 }
 
-impl Shown<'_> {
+impl GreyImage<'_> {
     /// Returns its time, s. In a recording without times, images are taken as a second apart.
     pub(super) fn time_s(&self) -> f64 {
         self.stamps.map_or(self.frame as f64, |stamps| stamps.given_s)
@@ -93,16 +93,16 @@ pub(super) enum Tracked {
 
 impl Tracked {
     /// Returns the poses at an image's time, or a sentence with the reason why there are none.
-    pub(super) fn at(&self, shown: &Shown<'_>) -> Result<Poses, String> {
+    pub(super) fn at(&self, image: &GreyImage<'_>) -> Result<Poses, String> {
         match self {
             Self::Items(items) => {
-                let found = items.binary_search_by_key(&shown.frame, |(item, _)| *item);
-                found.map_or_else(|_| Err(format!("item {}: has no poses", shown.frame)), |at| items[at].1.clone())
+                let found = items.binary_search_by_key(&image.frame, |(item, _)| *item);
+                found.map_or_else(|_| Err(format!("item {}: has no poses", image.frame)), |at| items[at].1.clone())
             }
-            Self::Samples { track, sensor, .. } => track.at(shown.time_s()).ok_or_else(|| {
+            Self::Samples { track, sensor, .. } => track.at(image.time_s()).ok_or_else(|| {
                 format!(
                     "item {}: the tracker has no valid poses of {sensor} and its reference at that time",
-                    shown.frame
+                    image.frame
                 )
             }),
         }
@@ -158,12 +158,15 @@ impl Recorded {
         }
     }
 
-    /// Passes every image to `take`; returns the unusable ones.
+    /// Passes every image to `visit`; returns the unusable ones.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or its images are not in 8 bits; and
-    /// `take`'s own.
-    pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
+    /// `visit`'s own.
+    pub(super) fn pictures(
+        &self,
+        mut visit: impl FnMut(GreyImage<'_>) -> Result<(), Failure>,
+    ) -> Result<Unfit, Failure> {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
             let pixels = grey(image).map_err(|kind| {
@@ -173,7 +176,7 @@ impl Recorded {
                     self.path().display()
                 ))
             })?;
-            take(Shown { frame, stamps, size: [image.width(), image.height()], pixels })
+            visit(GreyImage { frame, stamps, size: [image.width(), image.height()], pixels })
         };
         match self {
             Self::Sequence(path) => {
@@ -233,13 +236,13 @@ fn grey(image: &Image) -> Result<&[u8], &'static str> {
 ///
 /// # Errors
 /// [`Failure`] when it is not of 8 bits.
-pub(super) fn shown_now<'a>(picture: &'a Picture, timed: &Timed) -> Result<Shown<'a>, Failure> {
+pub(super) fn live_image<'a>(picture: &'a Picture, timed: &Timed) -> Result<GreyImage<'a>, Failure> {
     let image = &picture.image;
     let pixels = grey(image).map_err(|kind| {
         Failure(format!("the grabber's frames have {kind}; choose a format of 8 bits ([grabber] format)"))
     })?;
     let stamps = Some(Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() });
-    Ok(Shown { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
+    Ok(GreyImage { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
 }
 
 /// Returns the mask of the image data, if it is known beforehand.

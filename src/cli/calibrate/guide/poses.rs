@@ -17,7 +17,7 @@ struct PoseGuide<J> {
 
 impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
     fn hear(&mut self, device: usize, live: Live) {
-        self.tracks.take(device, live);
+        self.tracks.add(device, live);
     }
 
     fn advise(&mut self) -> Advice {

@@ -36,7 +36,7 @@ struct UpAndDown {
 
 impl Guide for UpAndDown {
     fn hear(&mut self, device: usize, live: Live) {
-        self.tracks.take(device, live);
+        self.tracks.add(device, live);
     }
 
     fn advise(&mut self) -> Advice {

@@ -1,8 +1,9 @@
 //! A probe's calibration by a point, a stylus or a plane.
 
+mod detector;
 mod flags;
 mod guide;
-mod look;
+mod observe;
 mod page;
 mod report;
 
@@ -23,7 +24,7 @@ use super::lag::Lag;
 use super::recording::{Observed, pictures};
 
 pub(super) use flags::Flags;
-use look::{Names, look};
+use observe::{Names, observe};
 use report::{Inputs, Report, ends, text};
 
 /// Runs the command by one of these methods.
@@ -55,8 +56,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let (seen, reference) = look(&recorded, names, *clip, is_plane)?;
-    let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
+    let (seen, reference) = observe(&recorded, names, *clip, is_plane)?;
+    let second = arguments.second(&recorded)?.map(|second| observe(&second, names, *clip, is_plane)).transpose()?;
     let second = second.map(|(second, _)| second);
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its frames differ in size from the second recording's".into()));

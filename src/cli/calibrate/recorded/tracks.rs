@@ -42,12 +42,12 @@ impl Tracks {
     pub(in crate::cli::calibrate) fn read(path: &Path, bedside: &Bedside) -> Result<Self, Failure> {
         let instruments = without_latency(bedside)?;
         let mut tracks = Self::of_instruments(&instruments, bedside);
-        walk(path, false, instruments, Latencies::Given, |device, live| tracks.take(device, live))?;
+        walk(path, false, instruments, Latencies::Given, |device, live| tracks.add(device, live))?;
         Ok(tracks)
     }
 
     /// Takes a sample of the device with the given index.
-    pub(in crate::cli::calibrate) fn take(&mut self, device: usize, live: Live) {
+    pub(in crate::cli::calibrate) fn add(&mut self, device: usize, live: Live) {
         match live {
             _ if device == GRABBER => self.pictures += 1,
             Live::Pose { source, sample, .. } => self.named[source].1.push(sample),
