@@ -5,8 +5,8 @@
 //! all touches, or the distances of pairs of places. The fit finds link lengths and encoder
 //! zeros, and the position of the plate. On request it also finds counts per turn or mm and the
 //! directions of prismatic joints. Parameters that the touches do not determine are refused by
-//! name. The first joint's zero only sets the direction of the base's x axis, which cannot be
-//! told apart from the position of the plate. It is kept as it was.
+//! name. The first joint's zero only sets the direction of the base's x axis, which is equivalent
+//! to a turn of the plate. It is kept as it was.
 
 mod model;
 mod number;
@@ -39,7 +39,7 @@ pub struct Fitted {
     pub rms_mm: f64,
     /// Largest residual without the outliers, mm.
     pub most_mm: f64,
-    /// Standard deviation of the residuals along an axis over [`Options::seat_mm`]: about 1 if
+    /// Standard deviation of the residuals along an axis over [`Options::tip_sd_mm`]: about 1 if
     /// the model fits.
     pub spread: f64,
     /// Condition number of the parameters, in steps that move the tip alike.
@@ -76,7 +76,7 @@ impl Fitted {
 ///
 /// A loss that is linear for large residuals finds the start. A loss that leaves out outliers
 /// gives the result. Outliers are judged by the residuals' own spread or, if these are too few
-/// to estimate it, by [`Options::seat_mm`].
+/// to estimate it, by [`Options::tip_sd_mm`].
 ///
 /// # Errors
 /// [`ArmError`] names the invalid touch or plate, or the undetermined parameters and the touches
@@ -128,7 +128,7 @@ fn fitted(
     let kept = || residuals_mm.iter().enumerate().filter(|(at, _)| !is_out(*at)).map(|(_, mm)| *mm);
     let count = (residuals_mm.len() - outliers.len()).max(1) as f64;
     let rms_mm = (kept().map(|mm| mm * mm).sum::<f64>() / count).sqrt();
-    let between = |one: &model::Sought, other: &model::Sought| {
+    let between = |one: &model::FittedNumber, other: &model::FittedNumber| {
         solution.map_or(0.0, |solution| {
             let [[covariance]] = solution.certainty().between(one.2, other.2);
             covariance

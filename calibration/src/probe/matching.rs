@@ -1,11 +1,11 @@
 //! Assigns dots to wires.
 //!
-//! A plane cuts parallel wires in an affine image of their arrangement. So the matcher looks
-//! for two N's: three dots in line each, with the four outer dots in the affine image of the
+//! A plane cuts parallel wires in an affine image of their arrangement. So the matcher
+//! searches two N's: three dots in line each, with the four outer dots in the affine image of the
 //! phantom's four posts. Four points hardly match by chance. Their map predicts the other
 //! posts' dots and the lines on which the slanted wires' dots lie. Such a guess is then checked
 //! in space. The dots must lie on a plane with nearly square pixels that cuts every wire
-//! between its ends. The plane also predicts dots that were overlooked. The guess that explains
+//! between its ends. The plane also predicts dots that were missed. The guess that explains
 //! most dots wins.
 //!
 //! For N's in one plane the dots are in line, and a row of them is searched instead (`flat`).

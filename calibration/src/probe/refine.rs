@@ -16,7 +16,7 @@ use glam::DVec3;
 use nalgebra::DMatrix;
 
 use self::outliers::leave_out;
-pub use self::problem::Sought;
+pub use self::problem::OptionalUnknowns;
 use self::problem::{Picture, Problem, USUAL_LAG_S};
 pub use self::refined::Refined;
 pub(super) use self::refined::View;
@@ -49,17 +49,22 @@ pub fn refine(
     track: &Track,
     registration: &Registration,
     start: &Start,
-    sought: Sought,
+    optional: OptionalUnknowns,
 ) -> Result<Refined, Unsolved> {
-    let (problem, parameters) = Problem::new(layout, sightings, track, registration, &start.plane, sought);
-    problem.solve(parameters, sought, start.contradicted())
+    let (problem, parameters) = Problem::new(layout, sightings, track, registration, &start.plane, optional);
+    problem.solve(parameters, optional, start.contradicted())
 }
 
 impl Problem<'_> {
     /// Solves the problem. Images that the start contradicts are left out at first and added at
     /// the end, if they agree.
-    fn solve(&self, mut parameters: Parameters, sought: Sought, mut waits: Vec<bool>) -> Result<Refined, Unsolved> {
-        let prior = sought.registration.then(|| self.prior());
+    fn solve(
+        &self,
+        mut parameters: Parameters,
+        optional: OptionalUnknowns,
+        mut waits: Vec<bool>,
+    ) -> Result<Refined, Unsolved> {
+        let prior = optional.registration.then(|| self.prior());
         let settings = Settings { noise: Noise::Known, ..Settings::default() };
         let mut used: Vec<Vec<bool>> =
             self.sightings.iter().zip(&waits).map(|(s, waits)| vec![!waits; s.marks.len()]).collect();
@@ -74,7 +79,7 @@ impl Problem<'_> {
                 scattered.iter().map(|picture| picture.whitening(scatter.variances())).collect();
             let put = |state: &State, blocks: &mut Blocks<'_>| {
                 self.put(state, &pictures, &whitenings, blocks);
-                self.put_priors(state, prior.as_ref(), sought.lag, blocks);
+                self.put_priors(state, prior.as_ref(), optional.lag, blocks);
             };
             let solution = solve(&parameters, &settings, put)?;
             let moved = solution.state.vector(self.unknown.lag)[0] - state.vector(self.unknown.lag)[0];
@@ -88,7 +93,7 @@ impl Problem<'_> {
             }
             let is_found = round > TRUSTING && same && moved.abs() < SAME_LAG_S;
             if round == ROUNDS || (is_found && !self.admit(&solution.state, scatter, &mut used, &mut waits)) {
-                return Ok(self.result(&pictures, &whitenings, used, scatter, solution, sought));
+                return Ok(self.result(&pictures, &whitenings, used, scatter, solution, optional));
             }
             parameters.begin_at(&solution.state);
         }
@@ -119,7 +124,7 @@ impl Problem<'_> {
         mut used: Vec<Vec<bool>>,
         scatter: Scatter,
         solution: Solution,
-        sought: Sought,
+        optional: OptionalUnknowns,
     ) -> Refined {
         let state = &solution.state;
         let mut squares = vec![(0.0, 0); self.sightings.len()];
@@ -133,11 +138,11 @@ impl Problem<'_> {
         let phantom = Transform::from_affine(self.phantom_map(state).inverse());
         let reference_from_phantom = self.registration.reference_from_phantom * phantom;
         let mut known = [[0.0; KNOWN]; KNOWN];
-        if sought.registration {
+        if optional.registration {
             let information = self.information();
             (0..6).for_each(|i| (0..6).for_each(|j| known[i][j] = information[(i, j)]));
         }
-        if sought.lag {
+        if optional.lag {
             known[6][6] = USUAL_LAG_S.powi(-2);
         }
         let lasting = self.lasting(state, pictures);

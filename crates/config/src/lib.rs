@@ -7,18 +7,18 @@
 //! - [`bedside`]: the session configuration: devices, and the use of their data.
 //! - [`plus`]: PLUS configuration and calibration result files.
 //! - [`phantom`]: phantoms for probe calibration.
-//! - [`values`], [`look`], [`weighing`]: settings shared by flags and files, read and checked in
-//!   one place.
+//! - [`values`], [`view_settings`], [`weighing`]: settings shared by flags and files, read and
+//!   checked in one place.
 
 pub mod bedside;
 mod error;
 mod kind;
-pub mod look;
 pub mod phantom;
 pub mod plus;
 mod settings;
 pub mod texts;
 pub mod values;
+pub mod view_settings;
 pub mod weighing;
 mod xml_limits;
 

@@ -214,13 +214,13 @@ impl Figure {
                 let dots = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| axes[a].dot(axes[b]).abs());
                 let leaning = dots.iter().fold(0.0_f64, |most, dot| most.max(dot.asin()));
                 let is_leaning = leaning > SQUARE;
-                let says = || {
+                let note = || {
                     format!(
                         "the diameters are {:.0}° from right angles: the error is larger than stated",
                         leaning.to_degrees()
                     )
                 };
-                is_leaning.then(says).into_iter().collect()
+                is_leaning.then(note).into_iter().collect()
             }
             Kind::Distance | Kind::Angle | Kind::Stack => Vec::new(),
         }

@@ -48,8 +48,8 @@ struct Known {
 }
 
 impl From<MarkInput> for Place {
-    fn from(said: MarkInput) -> Self {
-        match said {
+    fn from(input: MarkInput) -> Self {
+        match input {
             MarkInput::Point(point) => point.into(),
             MarkInput::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
         }

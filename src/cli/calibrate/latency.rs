@@ -14,7 +14,7 @@ use calibration::latency::align::AlignOptions;
 use calibration::latency::crossings::{Agreement, Slices};
 use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, floor_lag};
 use calibration::latency::line::{Finder, Still};
-use calibration::latency::poses::Poses;
+use calibration::latency::pose_spline::PoseSpline;
 use config::Settings;
 use config::bedside::pixel_mm;
 
@@ -225,7 +225,7 @@ impl Arguments {
         notes: &mut Vec<String>,
     ) -> Result<Agreement, Failure> {
         let (samples, probe_from_image) = source.placed(calibration)?;
-        let poses = Poses::new(&samples)?;
+        let poses = PoseSpline::new(&samples)?;
         // Finds the pixels that change at all, and counts the video frames.
         let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
         let mut count = 0_u64;

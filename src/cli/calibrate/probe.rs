@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within(path, "its frames differ in size from the second recording's".into()));
     }
-    let looked_s = began.elapsed().as_secs_f64();
+    let searched_s = began.elapsed().as_secs_f64();
     let found = calibrate(&layout, &held, seen.recording(), second.as_ref().map(Observed::recording))
         .map_err(|e| within(path, format!("{e}{}", seen.also())))?;
     if let Some([errors, _]) = &found.validation
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let input = Input::of(path)?;
     let provenance =
         format!("N-wire phantom, {} frames of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
-    let solved_s = began.elapsed().as_secs_f64() - looked_s;
+    let solved_s = began.elapsed().as_secs_f64() - searched_s;
     let without = |observations: &[Observation]| {
         let recording = Recording { observations, ..seen.recording() };
         Some(calibrate(&layout, &held, recording, None).ok()?.refined.plane)
@@ -126,14 +126,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
-        .took(looked_s, solved_s)
+        .took(searched_s, solved_s)
         .again(again.flatten())
         .next(next.as_ref())
         .with_lag(lag);
-    let page = || Ok(report.page(&pictures(&recorded, &report.telling())?, *limit));
+    let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?, *limit));
     outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, latency, &report, page)?;
     let next = next.as_ref().map_or(String::new(), report::next_line);
-    print(&(text(&found, &layout) + &next + &of_lag + &outputs.told()))
+    print(&(text(&found, &layout) + &next + &of_lag + &outputs.summary()))
 }
 
 /// Returns the quality numbers that a preset keeps.

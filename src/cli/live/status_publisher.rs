@@ -77,7 +77,7 @@ impl StatusPublisher {
             screen.follow(&coach);
             self.coach = Some(coach);
         }
-        self.slices.weave(kernels(bedside).map(|[_, _, across]| across));
+        self.slices.restart(kernels(bedside).map(|[_, _, across]| across));
         self.latest.adopt(basis(bedside, self.kind));
         Ok(())
     }

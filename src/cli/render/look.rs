@@ -6,8 +6,8 @@ use glam::DVec3;
 use super::lighting::Lighting;
 use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
-pub(in crate::cli) use config::look::Mode;
-use config::look::{Classified, Look as Said};
+pub(in crate::cli) use config::view_settings::Mode;
+use config::view_settings::{Classified, ViewSettings};
 use render::RenderSettings;
 use render::camera::View;
 use render::classify::light::Light;
@@ -125,8 +125,8 @@ impl Look {
         self.said(Light::default()).transfer_name().to_owned()
     }
 
-    fn said(&self, light: Light) -> Said {
-        Said {
+    fn said(&self, light: Light) -> ViewSettings {
+        ViewSettings {
             image_size: self.image_size,
             view: self.view,
             perspective: self.perspective,

@@ -13,10 +13,10 @@ use crate::least_squares::{
 
 /// The residuals estimate their noise only with this many measured numbers per parameter. With
 /// fewer, the fit could meet some exactly and take the rest for outliers.
-const SAY_THEIR_NOISE: usize = 3;
+const LEAST_PER_NUMBER: usize = 3;
 
 /// A fitted number: joint index, kind, and place among the parameters.
-pub(super) type Sought = (usize, Number, Vector<1>);
+pub(super) type FittedNumber = (usize, Number, Vector<1>);
 
 /// The parameters of a fit, and their relation to the joints' numbers.
 pub(super) struct Model<'a> {
@@ -25,7 +25,7 @@ pub(super) struct Model<'a> {
     pub(super) touches: &'a [Touch],
     pub(super) options: &'a Options,
     pub(super) parameters: Parameters,
-    pub(super) numbers: Vec<Sought>,
+    pub(super) numbers: Vec<FittedNumber>,
     /// Position of the plate: its angle (absent for one divot) and its shift. Distances have no
     /// position.
     placing: Option<(Option<Vector<1>>, Vector<2>)>,
@@ -37,7 +37,7 @@ impl<'a> Model<'a> {
         let mut parameters = Parameters::new();
         let mut numbers = Vec::new();
         for (index, joint) in start.joints().iter().enumerate() {
-            for number in Number::ALL.into_iter().filter(|number| number.is_wanted(index, options)) {
+            for number in Number::ALL.into_iter().filter(|number| number.is_fitted(index, options)) {
                 let mut copy = *joint;
                 let Some(value) = number.of(&mut copy) else { continue };
                 let name = format!("{} of joint {}", number.name(), index + 1);
@@ -71,8 +71,8 @@ impl<'a> Model<'a> {
     /// errors of both its ends.
     pub(super) fn sd_of_residual_mm(&self) -> f64 {
         match self.known {
-            Known::Divots(_) => self.options.seat_mm,
-            Known::Distances(_) => self.options.seat_mm * 2.0_f64.sqrt(),
+            Known::Divots(_) => self.options.tip_sd_mm,
+            Known::Distances(_) => self.options.tip_sd_mm * 2.0_f64.sqrt(),
         }
     }
 
@@ -105,13 +105,13 @@ impl<'a> Model<'a> {
     }
 
     fn put_divots(&self, state: &State, arm: &Arm, plate_mm: &[DVec2], blocks: &mut Blocks<'_>) {
-        let seat = Whitening::sd(self.options.seat_mm);
+        let noise = Whitening::sd(self.options.tip_sd_mm);
         let shift = self.shift(state);
         for touch in self.touches {
             let values = values(arm, touch);
             let divot = self.turned(state, plate_mm, touch);
             let residual = arm.pose(&values).point(self.options.tip_mm) - divot - shift;
-            let mut row = blocks.add(residual.to_array(), &seat);
+            let mut row = blocks.add(residual.to_array(), &noise);
             for (index, number, place) in &self.numbers {
                 let moved = moved(arm, &values, self.options.tip_mm, *index, *number);
                 row = row.by(*place, [[moved.x], [moved.y]]);
@@ -127,12 +127,12 @@ impl<'a> Model<'a> {
     }
 
     fn put_distances(&self, arm: &Arm, distances_mm: &[f64], blocks: &mut Blocks<'_>) {
-        let seat = Whitening::sd(self.sd_of_residual_mm());
+        let noise = Whitening::sd(self.sd_of_residual_mm());
         for (distance, mm) in distances_mm.iter().enumerate() {
             let ends = self.ends(distance).map(|touch| values(arm, touch));
             let [one, other] = ends.map(|values| arm.pose(&values).point(self.options.tip_mm));
             let along = (one - other).normalize_or_zero();
-            let mut row = blocks.add([(one - other).length() - mm], &seat);
+            let mut row = blocks.add([(one - other).length() - mm], &noise);
             for (index, number, place) in &self.numbers {
                 let [one, other] = ends.map(|values| moved(arm, &values, self.options.tip_mm, *index, *number));
                 row = row.by(*place, [[along.dot(one - other)]]);
@@ -170,7 +170,7 @@ impl<'a> Model<'a> {
     /// Returns how the solver learns the noise: from the residuals if there are many, else from
     /// the given value.
     pub(super) fn noise(&self) -> Noise {
-        match self.measured() < SAY_THEIR_NOISE * self.parameters.steps() {
+        match self.measured() < LEAST_PER_NUMBER * self.parameters.steps() {
             true => Noise::Known,
             false => Noise::Compared,
         }

@@ -63,7 +63,7 @@ impl Number {
         }
     }
 
-    pub(super) fn is_wanted(self, joint: usize, options: &Options) -> bool {
+    pub(super) fn is_fitted(self, joint: usize, options: &Options) -> bool {
         match self {
             Self::Length => options.lengths[joint],
             Self::Zero => options.zeros[joint],

@@ -23,7 +23,7 @@ pub struct Options {
     /// whole arm.
     pub directions: [bool; JOINTS],
     /// Repeatability of the tip in a divot, mm, one standard deviation along each axis.
-    pub seat_mm: f64,
+    pub tip_sd_mm: f64,
 }
 
 impl Default for Options {
@@ -35,7 +35,7 @@ impl Default for Options {
             zeros: [false, true, true],
             counts_per_unit: false,
             directions: [false; JOINTS],
-            seat_mm: 0.1,
+            tip_sd_mm: 0.1,
         }
     }
 }

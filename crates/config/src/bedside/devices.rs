@@ -207,7 +207,7 @@ impl Arm {
     pub fn open_settings(&self, ports: &[PathBuf], keeps_raw: bool) -> OpenSettings {
         let line = |n: usize| ports.get(n).cloned().unwrap_or_default();
         let model = match self.kind {
-            ArmKind::Ea1(speech) => arm::Model::Ea1 { path: line(0), speech },
+            ArmKind::Ea1(protocol) => arm::Model::Ea1 { path: line(0), speech: protocol },
             ArmKind::Qsb => arm::Model::Qsb { paths: [line(0), line(1), line(2)] },
             ArmKind::MicroScribe(family, encoders) => arm::Model::MicroScribe { path: line(0), family, encoders },
         };
@@ -225,7 +225,7 @@ impl Arm {
             kind = ArmKind::Ea1(Blocks);
         }
         match (&mut kind, given.encoders) {
-            (ArmKind::MicroScribe(_, own), Some(asked)) => *own = asked,
+            (ArmKind::MicroScribe(_, own), Some(given)) => *own = given,
             (_, Some(_)) => {
                 return Err(
                     keys.error("encoders", "applies to kind = \"microscribe\" and \"immersion\" only; leave it out")

@@ -88,9 +88,9 @@ impl Bedside {
         let mut effective = Effective::new();
         let mut notes = Vec::new();
         let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
-        let (told, clip, fan) = told_calibration(calibration_keys, texts)?;
+        let (given_calibration, clip, fan) = read_calibration(calibration_keys, texts)?;
 
-        let calibrated = told.as_ref().and_then(|settings| settings.latency);
+        let calibrated = given_calibration.as_ref().and_then(|settings| settings.latency);
         let [of_tracking_ms, of_grabber_ms] = calibrated.map_or([0.0; 2], |ms| [ms.tracker_ms, ms.video_ms]);
         let given = |name: &str| root.get(name);
         let carriers = ["tracker", "arm", "remote"].map(|name| given(name).map(|entry| (name, entry)));
@@ -152,7 +152,7 @@ impl Bedside {
                 let hand = Arc::new(phantom::Bedside::new(Scan::clone(&rehearsal.scan), 0));
                 let carried = VirtualBedside::carried(hand, arm.twin_counts_per_turn());
                 let carried = carried.map_err(|unfit| whole_file(path, "virtual", &unfit.to_string()))?;
-                if told.is_some() {
+                if given_calibration.is_some() {
                     return Err(whole_file(
                         path,
                         "calibration",
@@ -164,7 +164,7 @@ impl Bedside {
             (Some(rehearsal), _) if grabber.is_virtual => Some(of_scan(&rehearsal.scan)),
             _ => None,
         };
-        let calibration = told.or(own).unwrap_or_default();
+        let calibration = given_calibration.or(own).unwrap_or_default();
         notes.extend(calibration.notes.iter().cloned());
         let mut mask = calibration.mask();
         mask.clip = clip.unwrap_or(mask.clip);
@@ -221,7 +221,7 @@ fn other_lag(calibrated: &Latency, tracking: &Tracking, grabber: &Grabber) -> Op
 type GivenCalibration = (Option<Settings>, Option<Clip>, Option<Fan>);
 
 /// Reads the section's calibration, and its overrides of the calibration's clip and fan.
-fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCalibration, Error> {
+fn read_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCalibration, Error> {
     let given: schema::session::Calibration = keys.read()?;
     let (file, preset) = (keys.path_if(given.file), given.preset);
     let clip = given.clip_px.map(|clip| match clip {

@@ -96,7 +96,7 @@ impl Bedside {
             Kind::Calibration => Err(Error::Misplaced {
                 path: path.to_owned(),
                 what: "a calibration file, which names no devices",
-                wanted: format!(
+                expected: format!(
                     "a session configuration is wanted here: give one with file = \"{}\" in [calibration]",
                     path.file_name().map_or("…".into(), |name| name.to_string_lossy())
                 ),

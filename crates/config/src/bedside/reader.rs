@@ -56,13 +56,13 @@ impl<'a, 'e> Reader<'a, 'e> {
     }
 
     /// Returns a path relative to the file's folder.
-    pub(super) fn path_of(&self, told: &str) -> PathBuf {
-        self.path.with_file_name(told)
+    pub(super) fn path_of(&self, given: &str) -> PathBuf {
+        self.path.with_file_name(given)
     }
 
     /// Returns an optional path relative to the file's folder.
-    pub(super) fn path_if(&self, told: Option<RelativePath>) -> Option<PathBuf> {
-        told.map(|told| self.path_of(&told.0))
+    pub(super) fn path_if(&self, given: Option<RelativePath>) -> Option<PathBuf> {
+        given.map(|given| self.path_of(&given.0))
     }
 
     /// Whether the section may hold such a key.

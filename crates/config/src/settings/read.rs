@@ -40,7 +40,7 @@ impl Settings {
                 return Err(Error::Misplaced {
                     path: path.to_owned(),
                     what: "a session configuration, for `live`",
-                    wanted: "a calibration is wanted here: give the file named in its section [calibration]".into(),
+                    expected: "a calibration is wanted here: give the file named in its section [calibration]".into(),
                 });
             }
         }

@@ -19,7 +19,7 @@ pub(super) fn fill(
     space: &DenseBox,
     place: [i64; 3],
     reach: &Reach,
-    law: FillMethod,
+    method: FillMethod,
     taps: &[Tap],
 ) -> (Vec<(BrickIndex, BrickValues)>, FillWork) {
     let edge = EDGE as i64;
@@ -50,7 +50,7 @@ pub(super) fn fill(
                 work.bricks_touched += 1;
                 work.holes += count;
                 let mut values = Box::new([f32::NAN; VOXELS]);
-                let done = match law {
+                let done = match method {
                     FillMethod::Nearest => nearest::fill(tile, corner, &holes, reach, &mut values),
                     FillMethod::Gaussian => gaussian::fill(tile, corner, &holes, reach, taps, &mut values),
                 };

@@ -95,8 +95,9 @@ impl Filling {
         };
         let mut filled = Filled { volume, filling: *self, bricks: FxHashMap::default(), work: FillWork::default() };
         let taps = reach.taps();
-        let run =
-            |memory: &mut Tile, place: &[i64; 3]| bricks::fill(memory, volume, space, *place, &reach, self.law, &taps);
+        let run = |memory: &mut Tile, place: &[i64; 3]| {
+            bricks::fill(memory, volume, space, *place, &reach, self.method, &taps)
+        };
         for batch in tiles.chunks(BATCH) {
             let done: Vec<_> = match &pool {
                 None => {

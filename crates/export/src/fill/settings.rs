@@ -26,14 +26,14 @@ impl FillMethod {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filling {
     /// The method.
-    pub law: FillMethod,
+    pub method: FillMethod,
     /// Radius of the seen voxels used, mm.
     pub radius_mm: f64,
 }
 
 impl std::fmt::Display for Filling {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} within {} mm", self.law.name(), self.radius_mm)
+        write!(f, "{} within {} mm", self.method.name(), self.radius_mm)
     }
 }
 

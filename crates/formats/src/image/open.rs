@@ -129,8 +129,8 @@ mod tests {
     fn truncated_header_is_refused_with_offset() {
         for text in [&b""[..], b"A = 1\n", b"A = 1\nB = 2"] {
             let error = read(text, 1000).err().unwrap();
-            let says = format!("f.mha: field ElementDataFile (byte {}): was not reached", text.len());
-            assert!(error.to_string().starts_with(&says), "{error}");
+            let expected = format!("f.mha: field ElementDataFile (byte {}): was not reached", text.len());
+            assert!(error.to_string().starts_with(&expected), "{error}");
         }
     }
 

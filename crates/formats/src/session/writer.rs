@@ -142,7 +142,7 @@ impl SessionWriter {
     pub fn device(
         &mut self,
         name: &str,
-        speech: Option<LineProtocol>,
+        line_protocol: Option<LineProtocol>,
         description: &Description,
         crop: Option<Crop>,
     ) -> Result<Source, Error> {
@@ -151,7 +151,7 @@ impl SessionWriter {
             return Err(Error::Unwritable { path: self.path.clone(), source: Unwritable::DeviceName(name.to_owned()) });
         }
         let about = self.channel(format!("/{name}/about"), &schema::DEVICE)?;
-        let recorded = RecordedDevice { name: name.to_owned(), speech, description: description.clone() };
+        let recorded = RecordedDevice { name: name.to_owned(), line_protocol, description: description.clone() };
         self.devices.push(Device { recorded, crop, about, channels: Vec::new() });
         let source = Source(self.devices.len() - 1);
         self.announce(source)?;
@@ -312,7 +312,7 @@ impl SessionWriter {
 
     fn end(&mut self, now_ns: i64) -> Result<(), Error> {
         self.finished = true;
-        self.tell_losses(now_ns)?;
+        self.write_losses(now_ns)?;
         self.file.finish().map_err(|error| refused(&self.path, error))?;
         // The index and the end of the file.
         self.whole();
@@ -381,9 +381,9 @@ impl SessionWriter {
         match done {
             Ok(()) if is_stuck => {
                 tracing::warn!("{}: is written again", self.path.display());
-                let told = self.tell_losses(now_ns);
+                let written = self.write_losses(now_ns);
                 self.account.trouble.clear();
-                told
+                written
             }
             Ok(()) => Ok(()),
             Err(source) => {
@@ -399,7 +399,7 @@ impl SessionWriter {
         }
     }
 
-    fn tell_losses(&mut self, now_ns: i64) -> Result<(), Error> {
+    fn write_losses(&mut self, now_ns: i64) -> Result<(), Error> {
         let topic_of = |channel: u16| self.topics.get(channel).topic.clone();
         let Some(loss) = self.losing.take(&self.account.trouble, topic_of) else { return Ok(()) };
         tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);

@@ -69,8 +69,8 @@ pub struct Arguments {
     #[arg(long)]
     pub(super) counts: bool,
     /// Repeatability of the tip in a divot, mm, one standard deviation along each axis
-    #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = values::positive)]
-    pub(super) seat: f64,
+    #[arg(long = "seat", value_name = "MM", default_value_t = 0.1, value_parser = values::positive)]
+    pub(super) tip_sd_mm: f64,
     /// Refuse an arm whose touches are off by more, mm (root mean square)
     #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive)]
     pub(super) limit: f64,

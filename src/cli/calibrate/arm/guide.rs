@@ -43,7 +43,7 @@ struct Touching<'a> {
 }
 
 impl Guide for Touching<'_> {
-    fn hear(&mut self, _: usize, live: Live) {
+    fn add(&mut self, _: usize, live: Live) {
         if let Live::Pose { sample, .. } = live
             && sample.invalid.is_none()
         {
@@ -56,22 +56,22 @@ impl Guide for Touching<'_> {
         if self.readings.is_empty() {
             return Advice::missing("waiting for a homed arm");
         }
-        self.judged().unwrap_or_else(|Failure(why)| Advice::missing(why))
+        self.fitted_advice().unwrap_or_else(|Failure(why)| Advice::missing(why))
     }
 }
 
 impl Touching<'_> {
-    fn judged(&self) -> Result<Advice, Failure> {
+    fn fitted_advice(&self) -> Result<Advice, Failure> {
         let Work { arguments, session } = self.work;
         let touched = arguments.which.touches(session, &self.arm, &self.readings, arguments.places.read()?)?;
         let known = touched.known();
         let fitted = fit(&self.arm, &known, &touched.touches, &self.work.options(&self.arm, &touched))?;
         let most = Reach::of(&fitted).most_mm;
-        let says = format!(
+        let message = format!(
             "{}: the tip is known to {most:.2} mm at worst, the goal is {} mm; touch on, with the arm bent differently each time",
             touched.words(),
             arguments.goal
         );
-        Ok(Advice::at((arguments.goal / most).powi(2), says))
+        Ok(Advice::at((arguments.goal / most).powi(2), message))
     }
 }

@@ -49,10 +49,10 @@ impl Work<'_> {
     }
 
     pub(super) fn options(&self, arm: &Arm, touched: &Touched) -> Options {
-        let Arguments { tip, seat, counts, keep, .. } = self.arguments;
+        let Arguments { tip, tip_sd_mm, counts, keep, .. } = self.arguments;
         let known = touched.known();
         let mut options = Options::of(arm, &known);
-        (options.tip_mm, options.seat_mm, options.counts_per_unit) = (*tip, *seat, *counts);
+        (options.tip_mm, options.tip_sd_mm, options.counts_per_unit) = (*tip, *tip_sd_mm, *counts);
         // A user who fixes numbers is responsible for fixing the scale.
         if keep.iter().any(|kept| matches!(kept, Kept::Length(_))) {
             options.lengths = arm.joints().map(|joint| joint.kind == calibration::arm::Kind::Revolute);
@@ -72,7 +72,7 @@ impl Work<'_> {
         let fitted = fit(arm, &touched.known(), &touched.touches, &options).map_err(|e| self.within(e))?;
         self.accept(&fitted, touched)?;
         let reach = Reach::of(&fitted);
-        let results = Results { touched, counts: &recorded.counts, seat_mm: self.arguments.seat };
+        let results = Results { touched, counts: &recorded.counts, tip_sd_mm: self.arguments.tip_sd_mm };
         let input = Input::of(self.session)?;
         let provenance = format!("{} in {}, {:.3} mm", touched.words(), input.name(), fitted.rms_mm);
         let text = results.of_fit(&fitted, &reach, &options);
@@ -82,7 +82,7 @@ impl Work<'_> {
             originates(file, "Arm", &provenance);
         };
         self.arguments.outputs.write_changed(change, &report)?;
-        print(&(text + &self.arguments.outputs.told()))
+        print(&(text + &self.arguments.outputs.summary()))
     }
 
     fn accept(&self, fitted: &Fitted, touched: &Touched) -> Result<(), Failure> {
@@ -114,15 +114,15 @@ impl Work<'_> {
         touched: &Touched,
     ) -> Result<(), Failure> {
         let options = self.options(arm, touched);
-        // If the fit's residual is unknown, the arm is checked against the seat alone.
+        // If the fit's residual is unknown, only the tip's repeatability limits the residuals.
         let fitted_mm = fit_rms_mm.unwrap_or(0.0);
         let checked =
             check(arm, &touched.known(), &touched.touches, &options, fitted_mm).map_err(|e| self.within(e))?;
-        let results = Results { touched, counts: &recorded.counts, seat_mm: self.arguments.seat };
+        let results = Results { touched, counts: &recorded.counts, tip_sd_mm: self.arguments.tip_sd_mm };
         let text = results.of_check(&checked, fit_rms_mm);
         let report = CheckReport::new(Input::of(self.session)?, &results, &checked, fit_rms_mm);
         self.arguments.outputs.write_changed(|_| {}, &report)?;
-        print(&(text + &self.arguments.outputs.told()))?;
+        print(&(text + &self.arguments.outputs.summary()))?;
         match checked.changed {
             true => Err(self.within(format!("the arm no longer agrees with its calibration; {}", checked.advice()))),
             false => Ok(()),

@@ -12,11 +12,11 @@ use crate::cli::Failure;
 /// Evaluates all poses so far at each step, in the same way as the final recording.
 struct PoseGuide<J> {
     tracks: Tracks,
-    judge: J,
+    advise: J,
 }
 
 impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
-    fn hear(&mut self, device: usize, live: Live) {
+    fn add(&mut self, device: usize, live: Live) {
         self.tracks.add(device, live);
     }
 
@@ -24,17 +24,17 @@ impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
         if self.tracks.is_empty() {
             return Advice::missing("waiting for the tracker's poses");
         }
-        (self.judge)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
+        (self.advise)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
     }
 }
 
-/// Returns the recording. If it is still to be made, records it now, guided by `judge`.
+/// Returns the recording. If it is still to be made, records it now, guided by `advise`.
 ///
 /// # Errors
 /// [`Failure`] when the recording cannot be made.
 pub(in crate::cli::calibrate) fn gathered(
     recording: &Recording,
-    judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
+    advise: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
     let Some(path) = recording.gathering.of(recording.source.live.as_ref())? else {
         return Ok(Cow::Borrowed(recording));
@@ -42,7 +42,7 @@ pub(in crate::cli::calibrate) fn gathered(
     let Gathered { session, from_s } = lead(path, &recording.gathering, |bedside| {
         let mut instruments = without_latency(bedside)?;
         instruments.truncate(GRABBER);
-        Ok((PoseGuide { tracks: Tracks::of_instruments(&instruments, bedside), judge }, instruments))
+        Ok((PoseGuide { tracks: Tracks::of_instruments(&instruments, bedside), advise }, instruments))
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

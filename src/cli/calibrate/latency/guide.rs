@@ -35,7 +35,7 @@ struct UpAndDown {
 }
 
 impl Guide for UpAndDown {
-    fn hear(&mut self, device: usize, live: Live) {
+    fn add(&mut self, device: usize, live: Live) {
         self.tracks.add(device, live);
     }
 
@@ -63,11 +63,11 @@ impl Guide for UpAndDown {
 
 fn of(motion: &Motion, seconds: f64) -> Advice {
     let shares = [motion.extent_mm / FAR_MM, motion.turns as f64 / TURNS, seconds / LONG_S];
-    let says = format!(
+    let message = format!(
         "moved by {:.0} of {FAR_MM:.0} mm, reversed {} of {TURNS:.0} times, for {seconds:.0} of {LONG_S:.0} s; move up and down, unevenly",
         motion.extent_mm, motion.turns
     );
-    Advice::at(shares.into_iter().fold(1.0, f64::min), says)
+    Advice::at(shares.into_iter().fold(1.0, f64::min), message)
 }
 
 #[cfg(test)]

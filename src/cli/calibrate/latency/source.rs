@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use calibration::latency::floor::FloorPose;
 use calibration::latency::motion::PoseSample;
-use calibration::latency::poses::Poses;
+use calibration::latency::pose_spline::PoseSpline;
 use calibration::latency::stamps::Stamps;
 use config::Settings;
 use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
@@ -184,7 +184,7 @@ fn against(probe: &[PoseSample], reference: &[PoseSample]) -> Result<Vec<PoseSam
     if reference.is_empty() {
         return Ok(probe.to_vec());
     }
-    let reference = Poses::new(reference)?;
+    let reference = PoseSpline::new(reference)?;
     let of = |own: &PoseSample| {
         let turned =
             reference.at(own.time_s)?.inverse() * DAffine3::from_rotation_translation(own.rotation, own.position_mm);

@@ -62,7 +62,7 @@ struct Scanned<'a> {
 }
 
 impl Guide for Scanned<'_> {
-    fn hear(&mut self, device: usize, live: Live) {
+    fn add(&mut self, device: usize, live: Live) {
         self.scan.add(device, live, |image| self.finder.find(image.size, &image.view()?));
     }
 
@@ -81,21 +81,21 @@ impl Guide for Scanned<'_> {
         let [centre, corner] = predicted_ends(&found);
         let held_out = found.validation.as_ref().map(|[errors, _]| errors.mean);
         let pictures = self.scan.observations.len() as f64;
-        let mut says = format!(
+        let mut message = format!(
             "a point is known to {centre:.2} mm at the image's centre and {corner:.2} at the worst corner, the goal is {} mm, from {} of {} frames",
             self.goal_mm,
             found.used(),
             observations.len()
         );
         if let Some(mm) = held_out.filter(|mm| *mm > self.limit_mm) {
-            says += &format!("; the last frames are {mm:.2} mm off: keep the phantom in its place, and metal away");
-            return Advice::at(0.5, says);
+            message += &format!("; the last frames are {mm:.2} mm off: keep the phantom in its place, and metal away");
+            return Advice::at(0.5, message);
         }
         let next = found.next_view(self.layout, recording, next::pictures(found.used()));
-        says += &match next.as_ref().and_then(|next| next.best()) {
+        message += &match next.as_ref().and_then(|next| next.best()) {
             Some(best) => format!("; {best}"),
             None => "; scan on along the wires, and tilt and turn the probe".into(),
         };
-        Advice::at((self.goal_mm / corner).powi(2).min(pictures / ENOUGH_PICTURES), says)
+        Advice::at((self.goal_mm / corner).powi(2).min(pictures / ENOUGH_PICTURES), message)
     }
 }

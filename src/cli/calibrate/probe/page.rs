@@ -11,11 +11,11 @@ use super::report::{PictureReport, Report, YOU};
 
 impl Report {
     /// Returns the images to show.
-    pub(super) fn telling(&self) -> Vec<usize> {
-        drawn::telling(&self.wire_error_mm)
+    pub(super) fn listed_frames(&self) -> Vec<usize> {
+        drawn::listed_frames(&self.wire_error_mm)
     }
 
-    /// Makes the page; `images` are those of [`Self::telling`].
+    /// Makes the page; `images` are those of [`Self::listed_frames`].
     pub(super) fn page(&self, images: &[StoredImage], limit_mm: f64) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.input.name()));
         self.verdict(&mut page, limit_mm);

@@ -35,7 +35,7 @@ impl<S> Observed<S> {
         mut observe: impl FnMut(&GreyImage<'_>) -> Result<S, Failure>,
     ) -> Result<Self, Failure> {
         let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
-        let bar = input::progress("looking", tracked.pictures());
+        let bar = input::progress("searching", tracked.pictures());
         let (mut observations, mut size_px, mut timed, mut first_refusal) = (Vec::new(), None, true, None);
         let unfit = recorded.pictures(|image| {
             bar.inc(1);

@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its frames differ in size from the second recording's".into()));
     }
-    let looked_s = began.elapsed().as_secs_f64();
+    let searched_s = began.elapsed().as_secs_f64();
     let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording)).map_err(|e| {
         let disagree = matches!(e, CalibrationError::Probe(ProbeError::Disagree { .. }));
         let clip = if disagree { "; --clip limits the search to a part of the image" } else { "" };
@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             errors.mean
         )));
     }
-    let solved_s = began.elapsed().as_secs_f64() - looked_s;
+    let solved_s = began.elapsed().as_secs_f64() - searched_s;
     let inputs = Inputs {
         input: Input::of(path)?,
         stylus_tip: tip_file.map(Input::of).transpose()?,
@@ -102,13 +102,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .wants_report()
         .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
     let report =
-        Report::new(&found, inputs, *method, reference, *limit).took(looked_s, solved_s).again(again.flatten());
+        Report::new(&found, inputs, *method, reference, *limit).took(searched_s, solved_s).again(again.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    let page = || Ok(report.page(&pictures(&recorded, &report.telling())?));
+    let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?));
     outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
-    print(&(text + &of_lag + &outputs.told()))
+    print(&(text + &of_lag + &outputs.summary()))
 }
 
 impl Arguments {

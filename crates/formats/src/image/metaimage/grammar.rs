@@ -102,10 +102,10 @@ mod tests {
                 "repeats the field at byte 0",
             ),
         ];
-        for (text, field, offset, says) in cases {
+        for (text, field, offset, expected) in cases {
             let (f, o, p) = problem(text);
             assert_eq!((f.as_str(), o), (field, offset), "{p}");
-            assert!(p.contains(says), "{p:?} does not say {says:?}");
+            assert!(p.contains(expected), "{p:?} does not contain {expected:?}");
         }
         assert_eq!(problem(b"A = 1\n").1, 6, "a header without its end is named where the file ends");
     }

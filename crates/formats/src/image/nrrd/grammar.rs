@@ -225,11 +225,11 @@ mod tests {
             ("NRRD0004\ntype: uchar\nTYPE: uchar\n\n", "type", 21, "repeats the field"),
             ("NRRD0004\naxis 0 item 99999999999999999999 A:=1\n\n", "axis 0 item 99999999999999999999 A", 9, "64 bits"),
         ];
-        for (text, field, offset, says) in cases {
+        for (text, field, offset, expected) in cases {
             match parse(text).err().unwrap() {
                 Fault::Field { field: f, offset: o, problem } => {
                     assert_eq!((f.as_str(), o), (field, offset), "{problem}");
-                    assert!(problem.contains(says), "{problem:?} does not say {says:?}");
+                    assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
                 }
                 limit @ Fault::Limit { .. } => panic!("{limit:?}"),
             }

@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn invalid_place_is_refused() {
-        for (lines, says) in [
+        for (lines, expected) in [
             ("space directions: (1,0,0) (0,1,0)\n", "three directions"),
             ("space directions: (1,0,0) (0,1,0) (0,0,0)\n", "must have a length"),
             ("space directions: (1,0,0) (0,1,0) (0,0,nan)\n", "must be finite"),
@@ -165,7 +165,7 @@ mod tests {
             ("space origin: none\n", "one point"),
         ] {
             let problem = of(lines).unwrap_err().sentence();
-            assert!(problem.contains(says), "{problem:?} does not say {says:?}");
+            assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
         }
     }
 }

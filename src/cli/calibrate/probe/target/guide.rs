@@ -67,7 +67,7 @@ struct Scanned<'a> {
 }
 
 impl Guide for Scanned<'_> {
-    fn hear(&mut self, device: usize, live: Live) {
+    fn add(&mut self, device: usize, live: Live) {
         self.scan.add(device, live, |image| {
             let region = Region::within(&mut self.region, Some(self.mask), self.clip, image.size)?;
             let view = image.view()?;
@@ -96,7 +96,7 @@ impl Guide for Scanned<'_> {
             Err(refused) => return Advice::missing(refused.to_string()),
         };
         let [centre, corner] = ends(&found);
-        let says = format!(
+        let message = format!(
             "a point is known to {centre:.2} mm at the image's centre and {corner:.2} at the worst corner, the goal is {} mm; {}",
             self.goal_mm,
             if self.target == Target::Plane {
@@ -105,6 +105,6 @@ impl Guide for Scanned<'_> {
                 "bring the point to all parts of the image, and tilt and turn the probe"
             }
         );
-        Advice::at((self.goal_mm / corner).powi(2).min(self.scan.observations.len() as f64 / ENOUGH_PICTURES), says)
+        Advice::at((self.goal_mm / corner).powi(2).min(self.scan.observations.len() as f64 / ENOUGH_PICTURES), message)
     }
 }

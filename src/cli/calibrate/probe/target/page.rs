@@ -11,11 +11,11 @@ use super::report::{PictureReport, Report, Rests};
 
 impl Report {
     /// Returns the images to show.
-    pub(super) fn telling(&self) -> Vec<usize> {
-        drawn::telling(&self.error_mm)
+    pub(super) fn listed_frames(&self) -> Vec<usize> {
+        drawn::listed_frames(&self.error_mm)
     }
 
-    /// Makes the page; `images` are those of [`Self::telling`].
+    /// Makes the page; `images` are those of [`Self::listed_frames`].
     pub(super) fn page(&self, images: &[StoredImage]) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
         let of = if self.validation_is_split {
