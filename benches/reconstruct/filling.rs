@@ -113,7 +113,7 @@ fn fill<'a>(
     whole: &'a Reconstructor,
     space: &DenseBox,
 ) -> Result<Filled<'a>, Box<dyn Error>> {
-    Ok(Filling { law, radius_mm: RADIUS_MM }.fill(whole.volume(), space, threads, u64::MAX)?)
+    Ok(Filling { method: law, radius_mm: RADIUS_MM }.fill(whole.volume(), space, threads, u64::MAX)?)
 }
 
 fn voxels(space: &DenseBox) -> impl Iterator<Item = [i64; 3]> {

@@ -4,7 +4,7 @@
 //! which callers name. Other errors cross the crate's boundary in three places: files are refused
 //! by [`FileError`](sonoweave_core::keys::FileError) with their lines, the choice of a preset by
 //! [`PresetError`], whose names callers list, and [`least_squares`](mod@crate::least_squares)
-//! alone returns its own [`Unsolved`]. [`Track`](crate::latency::track::Track) and
+//! alone returns its own [`Unsolved`]. [`Spline`](crate::latency::spline::Spline) and
 //! [`align`](crate::latency::align::align), for other computations, return [`LatencyError`].
 
 mod arm;

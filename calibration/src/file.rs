@@ -66,7 +66,6 @@
 //! `format` and `version` are required, everything else is optional. Keys that are not listed
 //! here are refused.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use sonoweave_core::frames::{Image, Probe, Transform};
@@ -79,11 +78,13 @@ pub use sonoweave_core::keys::FileError;
 use sonoweave_core::keys::{Entry, Source, Table, read_text};
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
+use values::{clip, fan, line, matrix_text};
 
 mod arm;
 mod distortion;
 mod latency;
 pub mod preset;
+mod values;
 
 pub use latency::Latency;
 
@@ -321,37 +322,11 @@ fn check_version(root: &Table<'_>) -> Result<(), FileError> {
     }
 }
 
-fn clip(entry: &Entry<'_>) -> Result<ClipRect, FileError> {
-    let table = entry.table(&["x", "y", "width", "height"])?;
-    let whole = |key| table.need(key)?.whole();
-    ClipRect::new(whole("x")?, whole("y")?, whole("width")?, whole("height")?).map_err(|e| entry.error(e.to_string()))
-}
-
-fn fan(entry: &Entry<'_>) -> Result<Fan, FileError> {
-    let table = entry.table(&["origin_px", "radii_px", "angles_deg"])?;
-    let pair = |key| table.need(key)?.numbers();
-    Fan::new(pair("origin_px")?, pair("radii_px")?, pair("angles_deg")?).map_err(|e| entry.error(e.to_string()))
-}
-
 fn static_transform(entry: &Entry<'_>) -> Result<StaticTransform, FileError> {
     let table = entry.table(&["from", "to", "matrix"])?;
     let (from, to) = (table.need("from")?.text()?, table.need("to")?.text()?);
     let matrix = table.need("matrix")?;
     StaticTransform::new(from, to, &matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))
-}
-
-fn matrix_text(rows: &[f64; 16]) -> String {
-    let mut text = String::from("[\n");
-    for row in rows.chunks_exact(4) {
-        line(&mut text, format_args!("    {:?}, {:?}, {:?}, {:?},", row[0], row[1], row[2], row[3]));
-    }
-    text.push(']');
-    text
-}
-
-fn line(text: &mut String, content: std::fmt::Arguments<'_>) {
-    // Writing to a String cannot fail.
-    let _ = writeln!(text, "{content}");
 }
 
 #[cfg(test)]

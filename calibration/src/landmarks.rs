@@ -134,11 +134,11 @@ pub fn register(
     // A mirrored phantom fits at most a few landmarks of one side; its mirror image fits more.
     let mirrored: Vec<DVec3> = places.iter().map(|p| DVec3::new(-p.x, p.y, p.z)).collect();
     let mirrored = count(&touch.search(&mirrored));
-    let wanted = least(places.len());
-    if mirrored >= wanted && mirrored > matched {
+    let needed = least(places.len());
+    if mirrored >= needed && mirrored > matched {
         return Err(LandmarksError::Mirrored { matched: mirrored, landmarks: places.len() }.into());
     }
-    if matched < wanted {
+    if matched < needed {
         if let Some(error) = in_other_units(readings, tip_mm, &places, settings) {
             return Err(error.into());
         }
@@ -146,7 +146,7 @@ pub fn register(
             rests: touch.rests.len(),
             matched,
             landmarks: places.len(),
-            wanted,
+            least: needed,
             radius_mm: touch.radius_mm,
         }
         .into());

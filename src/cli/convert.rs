@@ -173,16 +173,16 @@ impl Arguments {
         }
         let count = gathered.header.items.len();
         let bar = input::progress("converting", count as u64);
-        let told = |done| bar.set_position(done);
+        let progress = |done| bar.set_position(done);
         let mut device = self.open(is_session, true)?;
         let what = if pictures {
-            write::pictures(&mut *device, &gathered, &self.output, &told)?;
+            write::pictures(&mut *device, &gathered, &self.output, &progress)?;
             format!("{count} pictures")
         } else if session {
-            write::session(&mut *device, &gathered, &self.output, &told)?;
+            write::session(&mut *device, &gathered, &self.output, &progress)?;
             format!("session with {count} frames")
         } else {
-            write::sequence(&mut *device, &gathered, &self.output, &told)?;
+            write::sequence(&mut *device, &gathered, &self.output, &progress)?;
             format!("sequence of {count} frames")
         };
         bar.finish_and_clear();
@@ -192,8 +192,8 @@ impl Arguments {
     /// Reads the session's sensor poses, by its own configuration if it holds one.
     #[allow(clippy::print_stderr, reason = "the command's output on the way")]
     fn placing(&self) -> Result<Placing, Failure> {
-        let told = RecordedDecisions::read(&self.input)?;
-        let bedside = Kept::at_first(&self.input, &told).ok();
+        let decisions = RecordedDecisions::read(&self.input)?;
+        let bedside = Kept::at_first(&self.input, &decisions).ok();
         let rules = bedside.as_ref().map_or_else(Rules::default, |bedside| Rules {
             wait_ns: bedside.pairing.wait_ns,
             longest_gap_ns: bedside.pairing.longest_gap_ns,
@@ -240,8 +240,8 @@ impl Arguments {
             let settings = SessionSettings { images, ..SessionSettings::new(path) };
             return Ok(drivers::open(&OpenSettings::Session(settings))?);
         }
-        let told = if images { input::turning() } else { Progress::default() };
-        let settings = SequenceSettings { images, told, ..SequenceSettings::new(path) };
+        let progress = if images { input::turning() } else { Progress::default() };
+        let settings = SequenceSettings { images, told: progress, ..SequenceSettings::new(path) };
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }
 

@@ -87,11 +87,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             output.display()
         )));
     }
-    let said = match content(input, &Limits::default())? {
+    let summary = match content(input, &Limits::default())? {
         Content::Sequence => write_sweep(arguments, &identifiers)?,
         Content::Volume => write_volume(arguments, &identifiers)?,
     };
-    println!("{}: {said}", output.display());
+    println!("{}: {summary}", output.display());
     Ok(())
 }
 

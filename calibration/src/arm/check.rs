@@ -76,7 +76,7 @@ pub fn check(
     };
     let most_mm = as_it_is.residuals_mm.iter().copied().fold(0.0, f64::max);
     let rms_mm = rms(&as_it_is);
-    let changed = rms_mm > CHANGED * fitted_mm.max(options.seat_mm);
+    let changed = rms_mm > CHANGED * fitted_mm.max(options.tip_sd_mm);
     let mut slipped: Option<(f64, Found)> = None;
     for joint in (1..JOINTS).filter(|_| changed) {
         let mut zeros = [false; JOINTS];

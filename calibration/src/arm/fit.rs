@@ -5,190 +5,24 @@
 //! all touches, or the distances of pairs of places. The fit finds link lengths and encoder
 //! zeros, and the position of the plate. On request it also finds counts per turn or mm and the
 //! directions of prismatic joints. Parameters that the touches do not determine are refused by
-//! name. The first joint's zero only sets the direction of the base's x axis, which cannot be
-//! told apart from the position of the plate. It is kept as it was.
+//! name. The first joint's zero only sets the direction of the base's x axis, which is equivalent
+//! to a turn of the plate. It is kept as it was.
 
 mod model;
+mod number;
+mod options;
 mod refusal;
+mod touches;
 
 use glam::DVec2;
 
-use super::{Arm, JOINTS, Joint, Kind, Values};
+use super::{Arm, JOINTS, Values};
 use crate::error::{ArmError, CalibrationError};
 use crate::least_squares::{Loss, Noise, Solution};
 use model::Model;
-
-/// One touch: the tip set down and kept still.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touch {
-    /// Mean counts of the joints, base first.
-    pub counts: [f64; JOINTS],
-    /// Index of the touched divot or distance among the known ones.
-    pub of: usize,
-}
-
-/// Known facts about the touched places.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Known<'a> {
-    /// Divots of a plate that lies anywhere, mm, in the plane that the arm moves in. A single
-    /// divot is a fixed point, whatever its coordinates.
-    Divots(&'a [DVec2]),
-    /// Distances, mm. Each has two touches, one of either end.
-    Distances(&'a [f64]),
-}
-
-impl Known<'_> {
-    /// Returns their number.
-    pub fn count(&self) -> usize {
-        match self {
-            Self::Divots(divots) => divots.len(),
-            Self::Distances(distances) => distances.len(),
-        }
-    }
-}
-
-/// Choice of the fitted parameters, and known values.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
-    /// Position of the tip in the last link's frame (origin at the link's end, x along it), mm.
-    /// If neither the tip nor that link's length is known, the fit expresses the tip as length.
-    pub tip_mm: DVec2,
-    /// Fit the lengths of these links.
-    pub lengths: [bool; JOINTS],
-    /// Fit the zeros of these joints. The first joint's zero turns the whole arm, as the
-    /// position of the plate does, so touches never determine it.
-    pub zeros: [bool; JOINTS],
-    /// Fit counts per turn or mm. An encoder disc's counts are known better than touches can
-    /// measure them.
-    pub counts_per_unit: bool,
-    /// Fit the directions of these prismatic joints. The direction of the first joint turns the
-    /// whole arm.
-    pub directions: [bool; JOINTS],
-    /// Repeatability of the tip in a divot, mm, one standard deviation along each axis.
-    pub seat_mm: f64,
-}
-
-impl Default for Options {
-    /// For three revolute joints and a plate.
-    fn default() -> Self {
-        Self {
-            tip_mm: DVec2::ZERO,
-            lengths: [true; JOINTS],
-            zeros: [false, true, true],
-            counts_per_unit: false,
-            directions: [false; JOINTS],
-            seat_mm: 0.1,
-        }
-    }
-}
-
-impl Options {
-    /// Returns the parameters that touches can determine for this arm. For revolute joints
-    /// these are the link lengths and, except for the first joint, the zeros. For prismatic
-    /// joints after the first they are the directions. The length and the zero of a prismatic
-    /// joint are one number, and the neighbouring links' lengths already cover its effect.
-    ///
-    /// Touches of one point determine no scale unless there is a prismatic joint, whose counts
-    /// are mm. The length of the longest link is kept in that case.
-    pub fn of(start: &Arm, known: &Known<'_>) -> Self {
-        let turns = start.joints().map(|joint| joint.kind == Kind::Revolute);
-        let past_first = |joints: [bool; JOINTS]| std::array::from_fn(|joint| joint > 0 && joints[joint]);
-        let mut lengths = turns;
-        if matches!(known, Known::Divots([_])) && turns == [true; JOINTS] {
-            let longest = (0..JOINTS)
-                .max_by(|a, b| start.joints()[*a].length_mm.total_cmp(&start.joints()[*b].length_mm))
-                .unwrap_or_default();
-            lengths[longest] = false;
-        }
-        let directions = past_first(turns.map(|turns| !turns));
-        Self { lengths, zeros: past_first(turns), directions, ..Self::default() }
-    }
-}
-
-/// One fitted number of a joint.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Found {
-    /// Number of the joint, base first, from 1.
-    pub joint: usize,
-    /// The fitted parameter, which also gives the unit.
-    pub what: Number,
-    /// Value before the fit.
-    pub before: f64,
-    /// Fitted value.
-    pub value: f64,
-    /// Its standard deviation.
-    pub sd: f64,
-}
-
-/// One of a joint's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Number {
-    /// Length of its link, mm.
-    Length,
-    /// The count at its zero.
-    Zero,
-    /// Counts per turn or per mm.
-    CountsPerUnit,
-    /// Direction of a prismatic joint, degrees.
-    Direction,
-}
-
-impl Number {
-    const ALL: [Self; 4] = [Self::Length, Self::Zero, Self::CountsPerUnit, Self::Direction];
-
-    /// Returns its name, for people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Length => "length",
-            Self::Zero => "zero",
-            Self::CountsPerUnit => "counts a unit",
-            Self::Direction => "direction",
-        }
-    }
-
-    /// Returns its unit, for people.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Length => "mm",
-            Self::Zero | Self::CountsPerUnit => "counts",
-            Self::Direction => "degrees",
-        }
-    }
-
-    fn of(self, joint: &mut Joint) -> Option<&mut f64> {
-        match (self, &mut joint.kind) {
-            (Self::Length, _) => Some(&mut joint.length_mm),
-            (Self::Zero, _) => Some(&mut joint.zero_counts),
-            (Self::CountsPerUnit, _) => Some(&mut joint.counts_per_unit),
-            (Self::Direction, Kind::Prismatic { direction_deg }) => Some(direction_deg),
-            (Self::Direction, Kind::Revolute) => None,
-        }
-    }
-
-    fn is_wanted(self, joint: usize, options: &Options) -> bool {
-        match self {
-            Self::Length => options.lengths[joint],
-            Self::Zero => options.zeros[joint],
-            Self::CountsPerUnit => options.counts_per_unit,
-            Self::Direction => options.directions[joint],
-        }
-    }
-
-    /// Returns a step of this parameter that moves the tip by about a millimetre.
-    fn typical(self, joint: &Joint, reach_mm: f64) -> f64 {
-        let mm = match (self, joint.kind) {
-            (Self::Length, _) => return 1.0,
-            (Self::Direction, _) => return (1.0 / reach_mm).to_degrees(),
-            (_, Kind::Revolute) => 1.0 / reach_mm,
-            (_, Kind::Prismatic { .. }) => 1.0,
-        };
-        let counts = mm / joint.value_per_count().abs();
-        match self {
-            Self::CountsPerUnit => joint.counts_per_unit * mm,
-            _ => counts,
-        }
-    }
-}
+pub use number::{Found, Number};
+pub use options::Options;
+pub use touches::{Known, Touch};
 
 /// An arm fitted to touches.
 #[derive(Debug, Clone)]
@@ -205,7 +39,7 @@ pub struct Fitted {
     pub rms_mm: f64,
     /// Largest residual without the outliers, mm.
     pub most_mm: f64,
-    /// Standard deviation of the residuals along an axis over [`Options::seat_mm`]: about 1 if
+    /// Standard deviation of the residuals along an axis over [`Options::tip_sd_mm`]: about 1 if
     /// the model fits.
     pub spread: f64,
     /// Condition number of the parameters, in steps that move the tip alike.
@@ -242,7 +76,7 @@ impl Fitted {
 ///
 /// A loss that is linear for large residuals finds the start. A loss that leaves out outliers
 /// gives the result. Outliers are judged by the residuals' own spread or, if these are too few
-/// to estimate it, by [`Options::seat_mm`].
+/// to estimate it, by [`Options::tip_sd_mm`].
 ///
 /// # Errors
 /// [`ArmError`] names the invalid touch or plate, or the undetermined parameters and the touches
@@ -254,10 +88,10 @@ pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options)
         let residuals_mm = model.residuals_mm(&model.parameters.start());
         return Ok(fitted(*start, &model, residuals_mm, Vec::new(), None));
     }
-    let near = model.solve(Loss::Huber, Noise::Compared)?;
+    let near = solved(&model, Loss::Huber, Noise::Compared)?;
     refusal::check_scale(&near, &model, start)?;
     model.parameters.begin_at(&near.state);
-    let solution = model.solve(Loss::Tukey, model.noise())?;
+    let solution = solved(&model, Loss::Tukey, model.noise())?;
     if let Some(direction) = solution.directions().first().filter(|direction| direction.sd > LEAST_KNOWN_MM) {
         return Err(refusal::unseen(&model, std::slice::from_ref(direction)).into());
     }
@@ -270,6 +104,11 @@ pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options)
         found.push(Found { joint: index + 1, what: *number, before, value, sd });
     }
     Ok(fitted(arm, &model, model.residuals_mm(&solution.state), found, Some(&solution)))
+}
+
+/// Solves the model, or names the reason why it has no solution.
+fn solved(model: &Model<'_>, loss: Loss, noise: Noise) -> Result<Solution, ArmError> {
+    model.solve(loss, noise).map_err(|unsolved| refusal::of(model, unsolved))
 }
 
 /// A combination of parameters counts as undetermined if its standard deviation moves the tip
@@ -289,7 +128,7 @@ fn fitted(
     let kept = || residuals_mm.iter().enumerate().filter(|(at, _)| !is_out(*at)).map(|(_, mm)| *mm);
     let count = (residuals_mm.len() - outliers.len()).max(1) as f64;
     let rms_mm = (kept().map(|mm| mm * mm).sum::<f64>() / count).sqrt();
-    let between = |one: &model::Sought, other: &model::Sought| {
+    let between = |one: &model::FittedNumber, other: &model::FittedNumber| {
         solution.map_or(0.0, |solution| {
             let [[covariance]] = solution.certainty().between(one.2, other.2);
             covariance

@@ -10,7 +10,7 @@
 //! | RPR | the third link | the slide's length from the distance of base and wrist, two
 //! solutions; then the turn |
 //! | PPR, PRP, RPP | one link | two directions: lines that meet, unless they are parallel |
-//! | PPP | the heading, regardless of the wanted one | nothing turns: not solvable |
+//! | PPP | the heading, regardless of the requested one | nothing turns: not solvable |
 
 use glam::DVec2;
 

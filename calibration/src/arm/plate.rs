@@ -69,7 +69,7 @@ mod tests {
         let head = "format = \"sonoweave-plate\"\nversion = 1\n";
         let divots = of(&format!("{head}divots_mm = [[0, 0], [60.0, 0.5]]\n")).unwrap();
         assert_eq!(divots, [DVec2::ZERO, DVec2::new(60.0, 0.5)]);
-        for (rest, says) in [
+        for (rest, message) in [
             ("", "divots_mm (line 1): is missing"),
             ("divots_mm = [[0, 0]]\n", "divots_mm (line 3): must hold two places at least"),
             ("divots_mm = [[0, 0],\n[0, 0]]\n", "divots_mm[1] (line 4): is the place of another divot"),
@@ -77,7 +77,7 @@ mod tests {
             ("divots = []\n", "did you mean divots_mm?"),
         ] {
             let refused = of(&format!("{head}{rest}")).unwrap_err();
-            assert!(refused.contains(says), "{rest}: {refused}");
+            assert!(refused.contains(message), "{rest}: {refused}");
         }
         assert!(of("format = \"sonoweave-phantom\"\n").unwrap_err().contains("must be \"sonoweave-plate\""));
         assert!(of(&head.replace('1', "2")).unwrap_err().contains("must be 1"));

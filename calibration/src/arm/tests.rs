@@ -195,17 +195,17 @@ fn rounding_error_matches_displacement() {
         (random >> 11) as f64 / (1_u64 << 53) as f64
     };
     let point = DVec2::new(-80.0, 15.0);
-    let (mut said, mut found, mut largest) = (0.0, 0.0, 0.0_f64);
+    let (mut bounds, mut found, mut largest) = (0.0, 0.0, 0.0_f64);
     for _ in 0..20_000 {
         let values = [draw(), 0.5 + draw(), draw() - 0.5];
         let rounded = arm.values(&arm.counts(&values).map(|count| count.round() as i64));
         let off = (arm.pose(&values).point(point) - arm.pose(&rounded).point(point)).length();
         let bound = arm.displacement(&rounded, point, 0.5);
         largest = largest.max(off / bound.most_mm);
-        (said, found) = (said + bound.rms_mm.powi(2), found + off * off);
+        (bounds, found) = (bounds + bound.rms_mm.powi(2), found + off * off);
     }
     // 20000 squares: half a per cent.
-    let ratio = (found / said).sqrt();
+    let ratio = (found / bounds).sqrt();
     assert!((ratio - 1.0).abs() < 0.015 && largest <= 1.0 && largest > 0.9, "{ratio} {largest}");
 }
 
@@ -287,9 +287,9 @@ proptest! {
             let PlanarPose { position_mm: p, heading_rad } = arm.pose(values);
             DVec3::new(p.x, p.y, heading_rad)
         };
-        let close = |told: DVec3, plus: DVec3, minus: DVec3, step: f64| {
+        let close = |given: DVec3, plus: DVec3, minus: DVec3, step: f64| {
             let found = (plus - minus) / (2.0 * step);
-            (told - found).length() <= 1e-6 * (1.0 + told.length())
+            (given - found).length() <= 1e-6 * (1.0 + given.length())
         };
         for (i, by) in derivatives.iter().enumerate() {
             let step = if arm.joints()[i].kind == Kind::Revolute { 1e-5 } else { 1e-2 };
@@ -307,7 +307,7 @@ proptest! {
                 ((|joint, off| joint.counts_per_unit += off, 1e-6 * arm.joints()[i].counts_per_unit), by.counts_per_unit),
                 ((|joint, off| if let Kind::Prismatic { direction_deg } = &mut joint.kind { *direction_deg += off }, 1e-5), by.direction),
             ];
-            for (n, ((change, step), told)) in changes.into_iter().enumerate() {
+            for (n, ((change, step), given)) in changes.into_iter().enumerate() {
                 // The counts stay fixed; the values they stand for change.
                 let changed = |off: f64| {
                     let mut joints = *arm.joints();
@@ -320,8 +320,8 @@ proptest! {
                 // Rounding of numbers near 1000 mm, after a difference with so small a step.
                 let rounding = 1e-12 / step;
                 prop_assert!(
-                    (told - found).length() <= 1e-5 * (1e-3 + told.length()) + rounding,
-                    "parameter {} of joint {}: {} {}", n, i, told, found
+                    (given - found).length() <= 1e-5 * (1e-3 + given.length()) + rounding,
+                    "parameter {} of joint {}: {} {}", n, i, given, found
                 );
             }
         }
@@ -335,8 +335,8 @@ proptest! {
         let moved: Values =
             std::array::from_fn(|i| values[i] + off[i] * counts * arm.joints()[i].value_per_count());
         let displaced = (arm.pose(&values).point(point) - arm.pose(&moved).point(point)).length();
-        let said = arm.displacement(&values, point, counts);
-        prop_assert!(displaced <= said.most_mm * (1.0 + 1e-12) + 1e-10, "{} {:?}", displaced, said);
-        prop_assert!(said.rms_mm <= said.most_mm);
+        let bound = arm.displacement(&values, point, counts);
+        prop_assert!(displaced <= bound.most_mm * (1.0 + 1e-12) + 1e-10, "{} {:?}", displaced, bound);
+        prop_assert!(bound.rms_mm <= bound.most_mm);
     }
 }

@@ -81,7 +81,7 @@ pub enum ArmError {
     /// All three joints slide.
     #[error("no joint of the arm turns, and the pose is turned by {degrees:.3}°; use an arm with a revolute joint")]
     Untwisted {
-        /// Angle from the arm's heading to the wanted one, degrees.
+        /// Angle from the arm's heading to the requested one, degrees.
         degrees: f64,
     },
     /// The plate has no such divot, or there is no such distance.

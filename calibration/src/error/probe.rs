@@ -78,7 +78,7 @@ impl Axis {
 /// Reasons why there is no calibration of a probe.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProbeError {
-    /// The phantom's dots cannot be told apart.
+    /// The phantom's dots are indistinguishable.
     #[error(
         "no three of the phantom's {wires} wires make an N (two parallel wires, and one aslant between them in their \
         plane); give the file of an N-wire phantom"

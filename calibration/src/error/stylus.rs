@@ -141,7 +141,7 @@ pub enum LandmarksError {
     },
     /// The distances of the rests match no landmarks.
     #[error(
-        "{matched} of {landmarks} landmarks match the tip's {rests} rests within {radius_mm:.1} mm, but {wanted} are \
+        "{matched} of {landmarks} landmarks match the tip's {rests} rests within {radius_mm:.1} mm, but {least} are \
         needed; touch each landmark for two seconds, and check that phantom file and stylus tip are the right ones"
     )]
     NoMatch {
@@ -152,7 +152,7 @@ pub enum LandmarksError {
         /// Landmarks of the phantom.
         landmarks: usize,
         /// Number of landmarks required.
-        wanted: usize,
+        least: usize,
         /// Radius within which a rest stays, mm.
         radius_mm: f64,
     },

@@ -35,7 +35,7 @@ use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::keys::{Entry, FileError, Table};
 use sonoweave_core::region::{ClipRect, Fan};
 
-use super::{clip, fan, line, matrix_text};
+use super::values::{clip, fan, line, matrix_text};
 use crate::error::PresetError;
 
 /// Relative tolerance of ruler scales; reading two marks to a pixel each is less exact.
@@ -337,8 +337,8 @@ mod tests {
         assert_eq!(own.fits(Some([820, 616]), Ruler::new(256.0, 20.1)), Ok(()));
         let size = own.fits(Some([640, 480]), None);
         assert!(matches!(size, Err(PresetError::Size { expected: [820, 616], found: [640, 480], .. })), "{size:?}");
-        let said = own.fits(None, Ruler::new(256.0, 30.0)).unwrap_err().to_string();
-        assert!(said.contains("0.0781 mm a pixel, but the scanner's has 0.1172"), "{said}");
+        let message = own.fits(None, Ruler::new(256.0, 30.0)).unwrap_err().to_string();
+        assert!(message.contains("0.0781 mm a pixel, but the scanner's has 0.1172"), "{message}");
         let of_any = Preset { picture_px: None, ruler: None, ..own };
         assert_eq!(of_any.fits(Some([1, 1]), Ruler::new(1.0, 1.0)), Ok(()));
     }
@@ -367,7 +367,7 @@ mod tests {
         let text = file.to_text();
         let read = |text: &str| CalibrationFile::parse(Path::new("c.toml"), text);
         assert_eq!(read(&text).unwrap(), file, "{text}");
-        for (from, to, said) in [
+        for (from, to, message) in [
             ("2026-11-22", "2026-11-32", "must be a day"),
             ("name = \"far\"", "name = \"L14-5 \\\"near\\\"\"", "there is another preset of that name"),
             ("px = 512.0", "px = 0", "above 0"),
@@ -378,7 +378,7 @@ mod tests {
         ] {
             assert!(text.contains(from), "{from} in {text}");
             let error = read(&text.replacen(from, to, 1)).unwrap_err().to_string();
-            assert!(error.contains(said) && error.contains("c.toml"), "{error}");
+            assert!(error.contains(message) && error.contains("c.toml"), "{error}");
         }
     }
 }

@@ -207,7 +207,7 @@ fn wrong_phantom_or_readings_are_refused() {
     let mirrored: Vec<DVec3> = places.iter().map(|p| DVec3::new(p.x, -p.y, p.z)).collect();
     assert_eq!(refused(&readings, &mirrored), LandmarksError::Mirrored { matched: 7, landmarks: 7 });
 
-    for (factor, said) in [
+    for (factor, message) in [
         (10.0, "divided by 10.0000: they were converted from cm to mm twice"),
         (25.4, "divided by 25.4000: they are in mm instead of inches, or were converted twice from inches"),
         (0.1, "divided by 0.1000: they are in cm; give mm"),
@@ -222,7 +222,7 @@ fn wrong_phantom_or_readings_are_refused() {
             })
             .collect();
         let error = refused(&scaled, &places);
-        assert_eq!(error.to_string(), format!("the tracker's positions fit if {said}"));
+        assert_eq!(error.to_string(), format!("the tracker's positions fit if {message}"));
         let scaled: Vec<DVec3> = places.iter().map(|p| *p * factor).collect();
         let error = refused(&readings, &scaled);
         assert!(matches!(error, LandmarksError::Units { what: "the phantom's landmarks", .. }), "{error}");
@@ -230,7 +230,7 @@ fn wrong_phantom_or_readings_are_refused() {
 
     let other: Vec<DVec3> = places.iter().map(|p| DVec3::new(1.3 * p.x, p.y - 0.4 * p.x, 1.7 * p.z + 9.0)).collect();
     let error = refused(&readings, &other);
-    assert!(matches!(error, LandmarksError::NoMatch { rests: 7, wanted: 4, .. }), "{error}");
+    assert!(matches!(error, LandmarksError::NoMatch { rests: 7, least: 4, .. }), "{error}");
     // The tip of another stylus never rests.
     let error = register(&readings, DVec3::new(0.0, 60.0, 30.0), &landmarks(&places), &Settings::default());
     assert!(matches!(error, Err(CalibrationError::Landmarks(LandmarksError::NoMatch { .. }))), "{error:?}");

@@ -13,13 +13,13 @@
 
 use super::long_run::variance_of_sum;
 use super::robust::{Biweight, deviation_about_zero};
-use super::track::Track;
+use super::spline::Spline;
 use crate::error::LatencyError;
 use crate::statistics::median;
 
 /// A frame's value and time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
+pub struct TimedValue {
     /// Time by the video's stamp, s.
     pub time_s: f64,
     /// Position of the line, px.
@@ -88,8 +88,8 @@ const CONVERGED_S: f64 = 1e-10;
 /// # Errors
 /// [`LatencyError`] if the signals determine no lag.
 pub fn align<const N: usize>(
-    values: &[Observation],
-    track: &Track<N>,
+    values: &[TimedValue],
+    track: &Spline<N>,
     options: &AlignOptions,
 ) -> Result<Alignment, LatencyError> {
     let problem = Problem { values, track };
@@ -149,8 +149,8 @@ pub fn align<const N: usize>(
 }
 
 struct Problem<'a, const N: usize> {
-    values: &'a [Observation],
-    track: &'a Track<N>,
+    values: &'a [TimedValue],
+    track: &'a Spline<N>,
 }
 
 /// A local minimum.
@@ -241,7 +241,7 @@ impl<const N: usize> Problem<'_, N> {
     /// Refines a lag, moving it by at most `most_s`; `None` on failure.
     fn refine(&self, start_s: f64, most_s: f64) -> Option<Fit> {
         let ends = [start_s - most_s, start_s + most_s];
-        let is_used = |frame: &Observation| ends.iter().all(|lag| self.track.at(frame.time_s + lag).is_some());
+        let is_used = |frame: &TimedValue| ends.iter().all(|lag| self.track.at(frame.time_s + lag).is_some());
         let used: Vec<usize> = (0..self.values.len()).filter(|i| is_used(&self.values[*i])).collect();
         if used.len() < LEAST_FRAMES {
             return None;

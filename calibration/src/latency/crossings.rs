@@ -15,7 +15,7 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::poses::Poses;
+use super::pose_spline::PoseSpline;
 use crate::error::{CalibrationError, LatencyError};
 use crate::statistics::median;
 
@@ -32,7 +32,7 @@ pub struct Slices {
     pixels: Vec<(f64, Vec<u16>)>,
     /// Maps pixels of the reduced images to mm at the probe.
     probe_from_pixel: DAffine3,
-    poses: Poses,
+    poses: PoseSpline,
 }
 
 /// A lag and its accuracy.
@@ -94,7 +94,7 @@ impl Slices {
     ///
     /// # Panics
     /// Panics if `is_data` does not have one flag per pixel.
-    pub fn new(width: u32, height: u32, is_data: &[bool], probe_from_image: DAffine3, poses: Poses) -> Self {
+    pub fn new(width: u32, height: u32, is_data: &[bool], probe_from_image: DAffine3, poses: PoseSpline) -> Self {
         let (full, by) = (width as usize, reduction(width, height) as usize);
         assert_eq!(is_data.len(), full * height as usize, "a flag for each pixel");
         let (width, height) = (full / by, height as usize / by);

@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec2, DVec3};
 use serde::Serialize;
 
-use super::align::{AlignOptions, Alignment, LEAST_FRAMES, Observation, align};
+use super::align::{AlignOptions, Alignment, LEAST_FRAMES, TimedValue, align};
 use super::line::{Line, NoLine};
 use super::motion::{Motion, PoseSample};
 use super::stamps::{Reading, Stamps, wander};
@@ -148,11 +148,11 @@ impl Problem<'_> {
         for video in Reading::ALL {
             let Some(times) = video.times(&of_frames) else { continue };
             let at = |i: &usize| times[*i];
-            let values: Vec<Observation> = self
+            let values: Vec<TimedValue> = self
                 .lines
                 .iter()
                 .zip(self.distances)
-                .map(|((i, _), value)| Observation { time_s: at(i), value: *value })
+                .map(|((i, _), value)| TimedValue { time_s: at(i), value: *value })
                 .collect();
             for way in &ways {
                 let result = align(&values, &way.motion.track, &self.options.align);

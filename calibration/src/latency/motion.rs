@@ -8,7 +8,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::track::Track;
+use super::spline::Spline;
 use crate::error::{CalibrationError, LatencyError};
 
 /// Count of a pose's numbers that are fitted to the line's position.
@@ -38,7 +38,7 @@ pub struct PoseSample {
 pub struct Motion {
     /// The pose's numbers: position along the axis and across it, the row of the rotation, each
     /// about its mean, and the row times the position along the axis; mm.
-    pub track: Track<COLUMNS>,
+    pub track: Spline<COLUMNS>,
     /// Direction of the main motion, in the tracker's frame.
     pub axis: DVec3,
     /// Extent of the motion along the axis, mm.
@@ -82,7 +82,7 @@ impl Motion {
             let both = turn * (place.x / LEVER_MM);
             (sample.time_s, [place.x, place.y, place.z, turn.x, turn.y, turn.z, both.x, both.y, both.z])
         };
-        let track = Track::new(within.iter().map(numbers).collect(), LONGEST_GAP_S)?;
+        let track = Spline::new(within.iter().map(numbers).collect(), LONGEST_GAP_S)?;
         let along: Vec<f64> = track.samples().map(|(_, values)| values[0]).collect();
         let [low, high] = [along.iter().copied().reduce(f64::min), along.iter().copied().reduce(f64::max)];
         let extent_mm = high.zip(low).map_or(0.0, |(high, low)| high - low);

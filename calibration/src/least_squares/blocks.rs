@@ -152,8 +152,8 @@ impl<const N: usize> Residual<'_, '_, N> {
     /// Adds the derivatives by a block of parameters. Row i is the change of residual i (as
     /// given, not whitened) with the components of the block's step.
     pub fn by<const K: usize>(self, block: impl Block<K>, derivatives: [[f64; K]; N]) -> Self {
-        let Blocks { columns, width, derivatives: wanted, jacobian, .. } = &mut *self.blocks;
-        let (true, Some(column)) = (*wanted, columns[block.place().block()]) else { return self };
+        let Blocks { columns, width, derivatives: has_derivatives, jacobian, .. } = &mut *self.blocks;
+        let (true, Some(column)) = (*has_derivatives, columns[block.place().block()]) else { return self };
         for i in 0..N {
             let at = (self.first + i) * *width + column;
             for (k, entry) in jacobian[at..at + K].iter_mut().enumerate() {

@@ -140,17 +140,17 @@ mod tests {
     fn weight_and_curvature_are_derivatives_of_cost() {
         for loss in [Loss::Quadratic, Loss::Huber, Loss::Cauchy, Loss::Tukey] {
             for components in 1..=4 {
-                let law = loss.of(components);
+                let robust = loss.of(components);
                 for i in 1..80 {
                     let (r, h) = (0.1 * f64::from(i) + 0.003, 1e-4);
-                    let slope = (law.cost(r + h) - law.cost(r - h)) / (2.0 * h);
-                    assert!((slope - law.weight(r) * r).abs() < 1e-5, "{loss:?} {components} {r}");
-                    if (r - law.reach).abs() > 2.0 * h {
-                        let bend = (law.cost(r + h) - 2.0 * law.cost(r) + law.cost(r - h)) / (h * h);
-                        assert!((bend - law.curvature(r)).abs() < 1e-5, "{loss:?} {components} {r}");
+                    let slope = (robust.cost(r + h) - robust.cost(r - h)) / (2.0 * h);
+                    assert!((slope - robust.weight(r) * r).abs() < 1e-5, "{loss:?} {components} {r}");
+                    if (r - robust.reach).abs() > 2.0 * h {
+                        let bend = (robust.cost(r + h) - 2.0 * robust.cost(r) + robust.cost(r - h)) / (h * h);
+                        assert!((bend - robust.curvature(r)).abs() < 1e-5, "{loss:?} {components} {r}");
                     }
                 }
-                assert_eq!((law.cost(0.0), law.weight(0.0)), (0.0, 1.0));
+                assert_eq!((robust.cost(0.0), robust.weight(0.0)), (0.0, 1.0));
             }
         }
     }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::Wire;
+use super::wire::Wire;
 
 /// Largest angle between parallel wires, rad: about 1°. Phantoms are printed or drilled to a
 /// tenth of that.

@@ -184,7 +184,7 @@ mod tests {
         Plates::of(&Geometry::new("", patterns, landmarks).unwrap())
     }
 
-    /// The first wire of each N is at the right, which is −x: the viewer looks along −y.
+    /// The first wire of each N is at the right, which is −x: the view is along −y.
     #[test]
     fn plates_are_seen_from_scan_direction() {
         let found = changed(DAffine3::IDENTITY, |_| ()).unwrap();

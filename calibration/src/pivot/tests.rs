@@ -237,7 +237,7 @@ fn jumps_slips_and_wrong_units_are_refused() {
     let error = refused(&led);
     assert!(matches!(error, PivotError::Stray { rms_mm: 6.0..7.0, limit_mm: 2.0 }), "{error}");
 
-    for (factor, said) in [
+    for (factor, message) in [
         (10.0, "or 108.9 mm if positions are 10 times too large, 42.9 mm if positions are 25.4 times too large"),
         (25.4, "108.9 mm if positions are 25.4 times too large"),
         (0.1, "108.9 mm if positions are cm and not mm"),
@@ -252,7 +252,7 @@ fn jumps_slips_and_wrong_units_are_refused() {
             })
             .collect();
         let error = refused(&scaled);
-        assert!(matches!(error, PivotError::Length { .. }) && error.to_string().contains(said), "{error}");
+        assert!(matches!(error, PivotError::Length { .. }) && error.to_string().contains(message), "{error}");
     }
 
     let mut bad = swung(50, noise, 5);

@@ -10,7 +10,7 @@ use super::linear::{Start, start};
 use super::matching::{Match, Matcher, Reading};
 use super::plane::ImagePlane;
 use super::recording::{Observation, Recording};
-use super::refine::{Refined, Sought, refine};
+use super::refine::{OptionalUnknowns, Refined, refine};
 use super::reread::reread;
 use super::sighting::Sighting;
 use super::track::Track;
@@ -108,7 +108,7 @@ pub fn calibrate(
     validation: Option<Recording<'_>>,
 ) -> Result<Calibration, CalibrationError> {
     let (sightings, track) = sight(layout, registration, recording, Side::Right)?;
-    let (first, begun) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
+    let (first, initial) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
         // For a single row of dots only the poses tell the side from which it is seen.
         let other = || sight(layout, registration, recording, Side::Left);
         let fits = |(sightings, track): (Vec<Sighting>, Track)| {
@@ -118,8 +118,8 @@ pub fn calibrate(
         mirrored.map_or(refused, |pictures| ProbeError::Mirrored { pictures })
     })?;
     let (sightings, misread) = reread(layout, &first, &track, recording.observations, &sightings);
-    let (refined, begun) =
-        if misread > 0 { fit(layout, registration, &sightings, &track, recording)? } else { (first, begun) };
+    let (refined, initial) =
+        if misread > 0 { fit(layout, registration, &sightings, &track, recording)? } else { (first, initial) };
     let evidence = |refined: &Refined| Evidence {
         layout,
         sightings: &[],
@@ -132,12 +132,12 @@ pub fn calibrate(
     let errors =
         both(Evidence { sightings: &used, ..own }, &refined.plane).ok_or(ProbeError::TooFew { pictures: 0 })?;
 
-    let (mut held, mut as_given, mut split) = (None, None, false);
+    let (mut validated, mut as_given, mut split) = (None, None, false);
     if let Some(validation) = validation {
         let (sightings, track) = sight(layout, registration, validation, Side::Right)?;
         let (sightings, _) = reread(layout, &refined, &track, validation.observations, &sightings);
         let evidence = Evidence { sightings: &sightings, track: &track, ..own };
-        held = both(evidence, &refined.plane);
+        validated = both(evidence, &refined.plane);
         let given = Evidence { lag_s: 0.0, reference_from_phantom: registration.reference_from_phantom, ..evidence };
         as_given = given.of_middle_wires(&refined.plane);
     } else if let Some((first, rest)) = sightings.split_at_checked(2 * sightings.len() / 3)
@@ -148,18 +148,18 @@ pub fn calibrate(
         // third image.
         split = true;
         let evidence = Evidence { sightings: rest, ..evidence(&of_first) };
-        held = both(evidence, &of_first.plane);
+        validated = both(evidence, &of_first.plane);
         let given = Evidence { lag_s: 0.0, reference_from_phantom: registration.reference_from_phantom, ..evidence };
         as_given = given.of_middle_wires(&of_first.plane);
     }
     let pictures = pictures(layout, recording, &sightings, &track, &refined);
     Ok(Calibration {
         refined,
-        start: begun.plane,
+        start: initial.plane,
         size_px: recording.size_px,
         pictures,
         errors,
-        validation: held,
+        validation: validated,
         validation_as_given: as_given,
         split,
     })
@@ -205,7 +205,7 @@ fn sight(
     for reading in read.filter(|reading| reading.mirrored.is_none()) {
         *(if reading.best.rightwards { &mut right } else { &mut left }) += 1;
     }
-    let wires = layout.looked_for();
+    let wires = layout.searched_wires();
     let share = |observation: &Observation| {
         let of = observation.seen.dots.len().min(wires) as f64;
         Some(observation.seen.reading.as_ref()?.best.marks.len() as f64 / of)
@@ -292,9 +292,9 @@ fn fit(
         start(layout, sightings, |s| s.probe_from_phantom(track, 0.0, reference_from_phantom), recording.size_px)
     };
     let given = &registration.reference_from_phantom;
-    let begun = begin(track, given).ok_or(ProbeError::Open)?;
-    if begun.spread_mm > WORST_SPREAD_MM {
-        let better = |spread: f64| spread < WORST_SPREAD_MM && spread * CLEARLY < begun.spread_mm;
+    let initial = begin(track, given).ok_or(ProbeError::Open)?;
+    if initial.spread_mm > WORST_SPREAD_MM {
+        let better = |spread: f64| spread < WORST_SPREAD_MM && spread * CLEARLY < initial.spread_mm;
         for units in Units::ALL {
             let poses = track.scaled(units.factor());
             if begin(&poses, given).is_some_and(|start| better(start.spread_mm)) {
@@ -306,15 +306,15 @@ fn fit(
                 return Err(ProbeError::RegistrationUnits { units });
             }
         }
-        return Err(ProbeError::Contradictory { mm: begun.spread_mm });
+        return Err(ProbeError::Contradictory { mm: initial.spread_mm });
     }
-    let sought = Sought { skew: false, registration: true, lag: recording.timed };
-    let refined = refine(layout, sightings, track, registration, &begun, sought)?;
+    let optional = OptionalUnknowns { skew: false, registration: true, lag: recording.timed };
+    let refined = refine(layout, sightings, track, registration, &initial, optional)?;
     let used = refined.pictures.iter().filter(|(_, components)| *components > 0).count();
     if used < LEAST_PICTURES {
         return Err(ProbeError::TooFew { pictures: used });
     }
-    Ok((refined, begun))
+    Ok((refined, initial))
 }
 
 /// Returns the outcomes of all images.

@@ -65,7 +65,7 @@ impl Layout {
     /// Prepares a phantom.
     ///
     /// # Errors
-    /// [`ProbeError`]: the dots of these wires cannot be told apart.
+    /// [`ProbeError`]: the dots of these wires are indistinguishable.
     pub fn new(geometry: Geometry) -> Result<Self, CalibrationError> {
         let found = geometry.nwires();
         let alike = Self::parallel_to(&geometry, &found);
@@ -119,13 +119,13 @@ impl Layout {
     }
 
     /// Returns whether the N's lie in one plane, or there is only one. The dots are then in
-    /// line, and an image does not tell the side it is seen from.
+    /// line, and the side cannot be recognised in an image.
     pub fn is_flat(&self) -> bool {
         self.pairs.is_empty()
     }
 
     /// Returns the number of wires used for recognition.
-    pub fn looked_for(&self) -> usize {
+    pub fn searched_wires(&self) -> usize {
         self.posts.len() + self.ns.len()
     }
 

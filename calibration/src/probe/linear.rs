@@ -58,13 +58,13 @@ pub fn start(
         let off_mm: Vec<Vec<f64>> = all.iter().map(|posed| posed.off_mm(wires, &plane)).collect();
         // The first rounds use the images that agree with most others; the later rounds use
         // all.
-        let is_heard = |posed: usize| round >= ROUNDS || agrees[posed];
-        let heard = off_mm.iter().enumerate().filter(|(posed, _)| is_heard(*posed));
-        let lengths: Vec<(usize, f64)> = heard.flat_map(|(_, off)| off).map(|&off| (2, off)).collect();
+        let is_used = |posed: usize| round >= ROUNDS || agrees[posed];
+        let used = off_mm.iter().enumerate().filter(|(posed, _)| is_used(*posed));
+        let lengths: Vec<(usize, f64)> = used.flat_map(|(_, off)| off).map(|&off| (2, off)).collect();
         let spread_mm = spread(&lengths).max(LEAST_SPREAD_MM);
-        let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(2);
+        let loss = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(2);
         let weight = |(posed, off): (usize, &Vec<f64>)| {
-            off.iter().map(|off| if is_heard(posed) { law.weight(off / spread_mm) } else { 0.0 }).collect()
+            off.iter().map(|off| if is_used(posed) { loss.weight(off / spread_mm) } else { 0.0 }).collect()
         };
         weights = off_mm.iter().enumerate().map(weight).collect();
         found = Some(Start { plane, off_mm, weights: weights.clone(), spread_mm });

@@ -9,19 +9,20 @@
 //! and so is an image contradicted by the others.
 
 mod outliers;
-mod predicted;
 mod problem;
+mod refined;
 
 use glam::DVec3;
 use nalgebra::DMatrix;
 
 use self::outliers::leave_out;
-pub(super) use self::predicted::View;
-use self::predicted::{KNOWN, TOGETHER};
-use self::problem::{Picture, Problem, USUAL_LAG_S, Unknown};
+pub use self::problem::OptionalUnknowns;
+use self::problem::{Picture, Problem, USUAL_LAG_S};
+pub use self::refined::Refined;
+pub(super) use self::refined::View;
+use self::refined::{KNOWN, TOGETHER};
 use super::layout::Layout;
 use super::linear::Start;
-use super::plane::ImagePlane;
 use super::scatter::{Scatter, Scattered, lasted};
 use super::sighting::{Sighting, off_wire};
 use super::track::Track;
@@ -29,7 +30,7 @@ pub use super::unknown::PLANE;
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, solve};
 use crate::phantom::file::Registration;
 use crate::statistics::correlation_length;
-use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::frames::Transform;
 
 /// Scatter and plane are estimated in turn at most this often …
 const ROUNDS: usize = 12;
@@ -37,50 +38,6 @@ const ROUNDS: usize = 12;
 const SAME_LAG_S: f64 = 1e-6;
 /// Number of rounds before outliers are left out: the scatter must be known first.
 const TRUSTING: usize = 2;
-
-/// Optional unknowns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Sought {
-    /// Fit the skew of u and v.
-    pub skew: bool,
-    /// Fit the registration's error, within its stated uncertainty.
-    pub registration: bool,
-    /// Fit the lag of poses behind images. Without times, or with the probe held still for
-    /// every image, it is undetermined.
-    pub lag: bool,
-}
-
-/// Result of the fit.
-#[derive(Debug, Clone)]
-pub struct Refined {
-    /// The image plane in the probe's frame.
-    pub plane: ImagePlane,
-    /// The fitted registration.
-    pub registration: Registration,
-    /// The fitted scatter.
-    pub scatter: Scatter,
-    /// Number of images over which the scatter is correlated; 1 if independent. The predicted
-    /// errors account for it.
-    pub lasting: f64,
-    /// Lag of poses behind images, s.
-    pub lag_s: f64,
-    /// Standard deviation of the lag; 0 if it was not fitted.
-    pub lag_sd_s: f64,
-    /// For each sighting and dot, whether the fit used it. A sighting without used dots had no
-    /// pose at its time, or contradicted the others.
-    pub used: Vec<Vec<bool>>,
-    /// Squared lengths of images' whitened residuals, in the order of the sightings, and their
-    /// numbers of components.
-    pub pictures: Vec<(f64, usize)>,
-    /// The given registration.
-    given: Registration,
-    /// Centre of the phantom's rotation, mm.
-    centre: DVec3,
-    unknown: Unknown,
-    solution: Solution,
-    /// Information of the priors: of the phantom's rotation and shift, and of the lag.
-    known: [[f64; KNOWN]; KNOWN],
-}
 
 /// Refines a start.
 ///
@@ -92,17 +49,22 @@ pub fn refine(
     track: &Track,
     registration: &Registration,
     start: &Start,
-    sought: Sought,
+    optional: OptionalUnknowns,
 ) -> Result<Refined, Unsolved> {
-    let (problem, parameters) = Problem::new(layout, sightings, track, registration, &start.plane, sought);
-    problem.solve(parameters, sought, start.contradicted())
+    let (problem, parameters) = Problem::new(layout, sightings, track, registration, &start.plane, optional);
+    problem.solve(parameters, optional, start.contradicted())
 }
 
 impl Problem<'_> {
     /// Solves the problem. Images that the start contradicts are left out at first and added at
     /// the end, if they agree.
-    fn solve(&self, mut parameters: Parameters, sought: Sought, mut waits: Vec<bool>) -> Result<Refined, Unsolved> {
-        let prior = sought.registration.then(|| self.prior());
+    fn solve(
+        &self,
+        mut parameters: Parameters,
+        optional: OptionalUnknowns,
+        mut waits: Vec<bool>,
+    ) -> Result<Refined, Unsolved> {
+        let prior = optional.registration.then(|| self.prior());
         let settings = Settings { noise: Noise::Known, ..Settings::default() };
         let mut used: Vec<Vec<bool>> =
             self.sightings.iter().zip(&waits).map(|(s, waits)| vec![!waits; s.marks.len()]).collect();
@@ -117,7 +79,7 @@ impl Problem<'_> {
                 scattered.iter().map(|picture| picture.whitening(scatter.variances())).collect();
             let put = |state: &State, blocks: &mut Blocks<'_>| {
                 self.put(state, &pictures, &whitenings, blocks);
-                self.put_priors(state, prior.as_ref(), sought.lag, blocks);
+                self.put_priors(state, prior.as_ref(), optional.lag, blocks);
             };
             let solution = solve(&parameters, &settings, put)?;
             let moved = solution.state.vector(self.unknown.lag)[0] - state.vector(self.unknown.lag)[0];
@@ -131,7 +93,7 @@ impl Problem<'_> {
             }
             let is_found = round > TRUSTING && same && moved.abs() < SAME_LAG_S;
             if round == ROUNDS || (is_found && !self.admit(&solution.state, scatter, &mut used, &mut waits)) {
-                return Ok(self.result(&pictures, &whitenings, used, scatter, solution, sought));
+                return Ok(self.result(&pictures, &whitenings, used, scatter, solution, optional));
             }
             parameters.begin_at(&solution.state);
         }
@@ -162,7 +124,7 @@ impl Problem<'_> {
         mut used: Vec<Vec<bool>>,
         scatter: Scatter,
         solution: Solution,
-        sought: Sought,
+        optional: OptionalUnknowns,
     ) -> Refined {
         let state = &solution.state;
         let mut squares = vec![(0.0, 0); self.sightings.len()];
@@ -176,11 +138,11 @@ impl Problem<'_> {
         let phantom = Transform::from_affine(self.phantom_map(state).inverse());
         let reference_from_phantom = self.registration.reference_from_phantom * phantom;
         let mut known = [[0.0; KNOWN]; KNOWN];
-        if sought.registration {
+        if optional.registration {
             let information = self.information();
             (0..6).for_each(|i| (0..6).for_each(|j| known[i][j] = information[(i, j)]));
         }
-        if sought.lag {
+        if optional.lag {
             known[6][6] = USUAL_LAG_S.powi(-2);
         }
         let lasting = self.lasting(state, pictures);
@@ -221,32 +183,6 @@ impl Problem<'_> {
         let off: Vec<DVec3> = pictures.iter().map(off).collect();
         let along = |axis: usize| correlation_length(&off.iter().map(|off| off[axis]).collect::<Vec<_>>());
         (0..3).map(along).sum::<f64>() / 3.0
-    }
-}
-
-impl Refined {
-    /// Returns the plane as a transform.
-    pub fn probe_from_image(&self) -> Transform<Probe, Image> {
-        Transform::from_affine(self.plane.affine())
-    }
-
-    /// Returns the largest over the smallest singular value of the problem, by its parameters'
-    /// typical sizes.
-    pub fn condition(&self) -> f64 {
-        self.solution.condition
-    }
-
-    /// Returns the solution with its parameters' covariance.
-    pub fn solution(&self) -> &Solution {
-        &self.solution
-    }
-
-    /// Returns the fitted rotation and shift of the phantom against its registration, deg and
-    /// mm.
-    pub fn registration_change(&self) -> (f64, f64) {
-        let Unknown { phantom_turn, phantom_shift, .. } = self.unknown;
-        let state = &self.solution.state;
-        (state.rotation(phantom_turn).to_scaled_axis().length().to_degrees(), state.point(phantom_shift).length())
     }
 }
 

@@ -17,16 +17,15 @@
 //! A target has no left and right. Mirrored images cannot be detected here and are calibrated
 //! as they are; the result is valid for images with the same orientation.
 //!
-//! - [`glimpse`]: the target's appearance in images.
+//! - [`detection`]: the target's appearance in images.
 //! - `points`, `planes`: the start of the fit.
 //! - [`refine`](mod@refine), `predicted`: the best fit to all images, and its accuracy.
 //! - `motion`: numbers that the probe's motion leaves undetermined.
-//! - `held`: errors of a calibration on images that the fit did not use.
+//! - `validation`: errors of a calibration on images that the fit did not use.
 //! - [`calibrate`](mod@calibrate): the whole procedure, or the reason for a refusal.
 
 pub mod calibrate;
-pub mod glimpse;
-mod held;
+pub mod detection;
 mod motion;
 mod planes;
 mod points;
@@ -34,9 +33,10 @@ mod predicted;
 pub mod refine;
 #[cfg(test)]
 mod simulated;
+mod validation;
 
 pub use calibrate::{Calibration, calibrate};
-pub use glimpse::Seen;
+pub use detection::Seen;
 
 use glam::{DVec2, DVec3};
 

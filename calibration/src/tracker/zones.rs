@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn position_is_in_zone_of_its_cell() {
         let all = zones(&[[100.0, -50.0, 0.0], [-50.0, 0.0, 250.0], [100.0, -50.0, 50.0], [100.0, -50.0, 0.0]]);
-        assert_eq!(all.count(), 3, "one was said twice");
+        assert_eq!(all.count(), 3, "one was given twice");
         let at = |x, y, z| all.at(DVec3::new(x, y, z)).map(|zone| zone.low_mm.to_array());
         assert_eq!(at(100.0, -50.0, 0.0), Some([100.0, -50.0, 0.0]));
         assert_eq!(at(149.9, -0.1, 49.9), Some([100.0, -50.0, 0.0]));

@@ -45,14 +45,14 @@ pub enum Error {
         problem: PresetError,
     },
     /// A file of one kind in place of another.
-    #[error("{path}: is {what}; {wanted}", path = path.display())]
+    #[error("{path}: is {what}; {expected}", path = path.display())]
     Misplaced {
         /// The file.
         path: PathBuf,
         /// The kind of the file.
         what: &'static str,
         /// The expected kind, and the remedy.
-        wanted: String,
+        expected: String,
     },
     /// A device set that is not sufficient for a session.
     #[error("{path}: {problem}", path = path.display())]

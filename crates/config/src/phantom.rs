@@ -86,7 +86,7 @@ fn plus(path: &Path, text: &str) -> Result<PhantomSettings, Error> {
         return Err(Error::Misplaced {
             path: path.to_owned(),
             what: "a PLUS file without PhantomDefinition",
-            wanted: "the wires' positions are wanted here: give the configuration of the recording, or a sonoweave \
+            expected: "the wires' positions are wanted here: give the configuration of the recording, or a sonoweave \
                 phantom file"
                 .into(),
         });

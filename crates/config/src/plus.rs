@@ -22,7 +22,8 @@ use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
 
 use super::xml_limits::check_limits;
-use super::{Error, Settings, SourceKind};
+use crate::error::Error;
+use crate::settings::{Settings, SourceKind};
 
 /// Attributes that PLUS's algorithm needs and ours does not.
 const NOT_TAKEN: [&str; 12] = [

@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage};
 
 use super::lettering::{self, fill};
-use super::planes::{BORDER, DOT, GAP, INK, UNSEEN};
+use super::style::{BORDER, DOT, GAP, INK, UNSEEN};
 
 /// Height of the legend, pixels.
 pub(crate) const HEIGHT: u32 = RAMP[1];

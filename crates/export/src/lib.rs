@@ -11,6 +11,7 @@
 //! - [`whole`]: atomic file writing.
 //! - `legend`: legends of pictures.
 //! - `shades`: colour schemes of values.
+//! - `style`: colours and sizes of pictures.
 //! - `panel`: a plane in a picture, with its title and axes.
 //! - `lettering`: the bitmap font of pictures.
 
@@ -27,6 +28,7 @@ pub mod picture;
 pub mod planes;
 pub mod sections;
 mod shades;
+mod style;
 pub mod volume;
 pub mod whole;
 

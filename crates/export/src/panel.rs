@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage};
 
 use super::lettering::{self, fill};
-use super::planes::{BORDER, DOT, INK};
+use super::style::{BORDER, DOT, INK};
 
 /// Space to the left of a plane for its downward axis, and below it for its rightward axis,
 /// pixels.

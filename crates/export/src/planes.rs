@@ -8,28 +8,19 @@ mod plane;
 
 use std::path::Path;
 
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 
 use super::ExportError;
 use super::legend::{self, Entry, Legend, short};
 use super::lettering;
 use super::panel::{Frame, GUTTER};
 use super::picture::write_rgb;
-pub use super::shades::{Shades, Shown};
+pub use super::shades::{Shades, VoxelValue};
+pub use super::style::UNSEEN;
+use super::style::{DOT, GAP, PAPER};
 pub use plane::Panel;
 use volume::Grid;
 
-/// Colour of unseen voxels: a muted blue, distinct from all grey levels.
-pub const UNSEEN: Rgb<u8> = Rgb([46, 64, 96]);
-
-pub(super) const PAPER: Rgb<u8> = Rgb([20, 20, 22]);
-pub(super) const INK: Rgb<u8> = Rgb([214, 214, 214]);
-pub(super) const BORDER: Rgb<u8> = Rgb([120, 120, 124]);
-
-/// Pixels per dot of the lettering.
-pub(super) const DOT: u32 = 2;
-/// Gap around everything and between planes, pixels.
-pub(super) const GAP: u32 = 16;
 /// Largest drawn edge of a plane, pixels.
 const LARGEST: u32 = 1600;
 
@@ -99,7 +90,7 @@ impl PlanesPicture {
 ///
 /// # Errors
 /// [`ExportError`] when the volume is empty, the window has no width or the planes lie outside.
-pub fn planes<V: Into<Shown>>(
+pub fn planes<V: Into<VoxelValue>>(
     grid: &Grid,
     voxel: impl Fn([u64; 3]) -> Option<V>,
     options: &PlanesOptions,
@@ -136,7 +127,7 @@ pub fn planes<V: Into<Shown>>(
 
     let mut entries: Vec<Entry> = Entry::bar(px_per_mm, u32::MAX).into_iter().collect();
     entries.extend(options.shades.entries(window));
-    if values.iter().flatten().flatten().any(|shown| matches!(shown, Shown::Filled(_))) {
+    if values.iter().flatten().flatten().any(|shown| matches!(shown, VoxelValue::Filled(_))) {
         entries.push(options.shades.filled(window));
     }
     let legend = Legend::new(entries);
@@ -174,7 +165,7 @@ fn title(grid: &Grid, axes: [usize; 3], at: u64) -> String {
     }
 }
 
-fn resolve(window: Window, values: &[Vec<Option<Shown>>; 3]) -> Result<[f32; 2], ExportError> {
+fn resolve(window: Window, values: &[Vec<Option<VoxelValue>>; 3]) -> Result<[f32; 2], ExportError> {
     if let Window::Range { low, high } = window {
         let good = low.is_finite() && high.is_finite() && low < high;
         return if good { Ok([low, high]) } else { Err(ExportError::Window { low, high }) };
@@ -193,7 +184,7 @@ fn resolve(window: Window, values: &[Vec<Option<Shown>>; 3]) -> Result<[f32; 2],
 fn draw_panel(
     picture: &mut RgbImage,
     panel: &Panel,
-    values: &[Option<Shown>],
+    values: &[Option<VoxelValue>],
     (shades, window): (Shades, [f32; 2]),
     title: &str,
 ) {
@@ -286,8 +277,8 @@ mod tests {
         let seen = |[x, ..]: [u64; 3]| (x >= 4).then_some(200.0_f32);
         let plain = planes(&grid, seen, &RANGE).unwrap();
         let voxel = |at: [u64; 3]| match at {
-            [2..4, ..] => Some(Shown::Filled(100.0)),
-            at => seen(at).map(Shown::Seen),
+            [2..4, ..] => Some(VoxelValue::Filled(100.0)),
+            at => seen(at).map(VoxelValue::Seen),
         };
         let filled = planes(&grid, voxel, &RANGE).unwrap();
         let [r, g, b] = pixel(&filled, 0, [2, 3]);
@@ -306,7 +297,7 @@ mod tests {
             below.filter(|(.., colour)| tinted(colour.0)).count()
         };
         assert_eq!((legend(&plain), legend(&filled) > 100), (0, true), "the legend tells the tint where there is any");
-        let only = planes(&grid, |_| Some(Shown::Filled(7.0)), &PlanesOptions::default()).unwrap();
+        let only = planes(&grid, |_| Some(VoxelValue::Filled(7.0)), &PlanesOptions::default()).unwrap();
         assert_eq!(only.window, [0.0, 1.0], "what was filled has no say in what is black");
     }
 

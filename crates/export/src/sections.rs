@@ -16,7 +16,8 @@ use render::section::{Box3, Plane, Sampled, Section, SectionError};
 use super::legend::{self, Entry, Legend, short};
 use super::lettering::{self, fill};
 use super::panel::{Frame, GUTTER, grey};
-use super::planes::{AXES, DOT, GAP, PAPER, UNSEEN};
+use super::planes::AXES;
+use super::style::{DOT, GAP, PAPER, UNSEEN};
 
 /// Least side of a picture with labels, pixels; smaller ones show planes alone.
 pub const LEAST_LETTERED: u32 = 320;

@@ -4,7 +4,7 @@ use image::Rgb;
 
 use super::legend::{Entry, short};
 use super::panel::grey;
-use super::planes::UNSEEN;
+use super::style::UNSEEN;
 
 /// Colour scheme of values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -20,20 +20,20 @@ pub enum Shades {
 
 /// Drawn content of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shown {
+pub enum VoxelValue {
     /// The value of a seen voxel.
     Seen(f32),
     /// The value of an unseen voxel that was [filled](crate::fill).
     Filled(f32),
 }
 
-impl From<f32> for Shown {
+impl From<f32> for VoxelValue {
     fn from(value: f32) -> Self {
         Self::Seen(value)
     }
 }
 
-impl Shown {
+impl VoxelValue {
     pub(super) fn value(self) -> f32 {
         match self {
             Self::Seen(value) | Self::Filled(value) => value,
@@ -89,12 +89,12 @@ impl Shades {
     }
 
     /// Returns the colour of a voxel; filled ones are tinted.
-    pub(super) fn of(self, shown: Shown, window: [f32; 2]) -> Rgb<u8> {
-        let Rgb(plain) = self.colour(shown.value(), window);
+    pub(super) fn of(self, value: VoxelValue, window: [f32; 2]) -> Rgb<u8> {
+        let Rgb(plain) = self.colour(value.value(), window);
         let (tint, share) = FILLED;
-        match shown {
-            Shown::Seen(_) => Rgb(plain),
-            Shown::Filled(_) => {
+        match value {
+            VoxelValue::Seen(_) => Rgb(plain),
+            VoxelValue::Filled(_) => {
                 let mixed = |c: usize| f32::from(plain[c]) + share * (tint[c] - f32::from(plain[c]));
                 Rgb([0, 1, 2].map(|c| mixed(c).round() as u8))
             }
@@ -103,7 +103,7 @@ impl Shades {
 
     /// Returns the legend entry of the tint, on a middle grey.
     pub(super) fn filled(self, [low, high]: [f32; 2]) -> Entry {
-        Entry::Swatch { colour: self.of(Shown::Filled(0.5 * (low + high)), [low, high]), label: "filled" }
+        Entry::Swatch { colour: self.of(VoxelValue::Filled(0.5 * (low + high)), [low, high]), label: "filled" }
     }
 
     pub(super) fn nothing(self) -> Rgb<u8> {
@@ -136,9 +136,9 @@ mod tests {
     #[test]
     fn filled_colour_differs_from_seen_and_unseen() {
         for value in 0..=255_u8 {
-            let Rgb([r, g, b]) = Shades::Greys.of(Shown::Filled(value.into()), [0.0, 255.0]);
+            let Rgb([r, g, b]) = Shades::Greys.of(VoxelValue::Filled(value.into()), [0.0, 255.0]);
             assert!(r >= g + 20 && g >= b + 20, "{value}: {r} {g} {b}");
-            assert_eq!(Shades::Greys.of(Shown::Seen(value.into()), [0.0, 255.0]), Rgb([value; 3]));
+            assert_eq!(Shades::Greys.of(VoxelValue::Seen(value.into()), [0.0, 255.0]), Rgb([value; 3]));
         }
         assert!(UNSEEN.0[2] > UNSEEN.0[0], "blue, not orange");
     }

@@ -204,7 +204,7 @@ pub enum Unwritable {
     /// The field of the spacing holds something else.
     #[error("field ElementSpacing is {0:?}; it must be two or three lengths")]
     Spacing(String),
-    /// The names of two frames cannot be told apart in a file.
+    /// The names of two frames are the same in a file.
     #[error("the frame names {from:?} and {to:?} run together in {from}To{to}; begin the second with a capital letter")]
     FrameNames {
         /// Source frame.

@@ -3,8 +3,10 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
-use super::{Kind, MeasureError, Place};
+use crate::error::MeasureError;
+use crate::place::Place;
 
 /// Distance from a plane, as a share of an area's size, above which a note is given.
 const FLAT: f64 = 0.02;
@@ -16,6 +18,22 @@ const SQUARE: f64 = 0.18;
 const SAME_MM: f64 = 1e-6;
 /// Step of a point for numerical derivatives, mm.
 const STEP_MM: f64 = 1e-4;
+
+/// Kinds of figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Distance between two points, mm.
+    Distance,
+    /// Angle at the middle one of three points, degrees.
+    Angle,
+    /// Area within a closed line through points, mm².
+    Area,
+    /// Volume of a body with three orthogonal diameters, π/6·a·b·c, mm³.
+    Ellipsoid,
+    /// Volume of a body cut into slabs, the sum of area times thickness, mm³.
+    Stack,
+}
 
 /// A valid figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -196,13 +214,13 @@ impl Figure {
                 let dots = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| axes[a].dot(axes[b]).abs());
                 let leaning = dots.iter().fold(0.0_f64, |most, dot| most.max(dot.asin()));
                 let is_leaning = leaning > SQUARE;
-                let says = || {
+                let note = || {
                     format!(
                         "the diameters are {:.0}° from right angles: the error is larger than stated",
                         leaning.to_degrees()
                     )
                 };
-                is_leaning.then(says).into_iter().collect()
+                is_leaning.then(note).into_iter().collect()
             }
             Kind::Distance | Kind::Angle | Kind::Stack => Vec::new(),
         }

@@ -19,16 +19,13 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 pub use error::MeasureError;
-pub use figure::Figure;
+pub use figure::{Figure, Kind};
+use place::MOST_WIDE_MM;
 pub use place::Place;
 pub use sources::{Slices, Source};
 
 /// Largest number of points of a figure.
 const MOST_POINTS: usize = 2000;
-/// Largest coordinate of a place in the world, mm.
-const MOST_MM: f64 = 1e5;
-/// Largest width of pixels and depths, mm.
-const MOST_WIDE_MM: f64 = 100.0;
 /// Standard deviations of the reported error.
 const SIGMAS: f64 = 2.0;
 
@@ -59,7 +56,7 @@ impl Uncertainty {
 /// A requested measurement.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Asked {
+pub struct Request {
     /// Kind of figure.
     pub kind: Kind,
     /// Its places: two of a distance, three of an angle (vertex in the middle), three or more
@@ -72,22 +69,6 @@ pub struct Asked {
     /// Width of a screen pixel for places that do not give their own, mm.
     #[serde(default)]
     pub pixel_mm: f64,
-}
-
-/// Kinds of figures.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// Distance between two points, mm.
-    Distance,
-    /// Angle at the middle one of three points, degrees.
-    Angle,
-    /// Area within a closed line through points, mm².
-    Area,
-    /// Volume of a body with three orthogonal diameters, π/6·a·b·c, mm³.
-    Ellipsoid,
-    /// Volume of a body cut into slabs, the sum of area times thickness, mm³.
-    Stack,
 }
 
 /// Result of a measurement.
@@ -113,8 +94,8 @@ pub struct Measured {
 ///
 /// # Errors
 /// [`MeasureError`] for an invalid figure.
-pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, MeasureError> {
-    let Asked { kind, points, contours, pixel_mm } = asked;
+pub fn measure(request: &Request, uncertainty: &Uncertainty) -> Result<Measured, MeasureError> {
+    let Request { kind, points, contours, pixel_mm } = request;
     let count = points.len() + contours.iter().map(Vec::len).sum::<usize>();
     if count > MOST_POINTS {
         return Err(MeasureError::TooMany { count, most: MOST_POINTS });
@@ -134,8 +115,9 @@ pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, MeasureEr
     // Variances.
     let mut sums = [0.0; 2];
     for (place, slope) in figure.slopes() {
-        let parts =
-            doubt.of_place(place.pixel_mm.unwrap_or(*pixel_mm)).map(|sigma| sigma * sigma * slope.length_squared());
+        let parts = uncertainty
+            .of_place(place.pixel_mm.unwrap_or(*pixel_mm))
+            .map(|sigma| sigma * sigma * slope.length_squared());
         let depth = slope.dot(place.along()) * place.depth_mm;
         sums = [sums[0] + parts[0], sums[1] + parts[1] + depth * depth / 12.0];
     }
@@ -143,7 +125,7 @@ pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, MeasureEr
     let unsampled = SIGMAS * figure.unsampled();
     let of_sampling = sampling.hypot(unsampled);
     let mut notes = figure.notes();
-    if doubt.calibration_mm.is_none() {
+    if uncertainty.calibration_mm.is_none() {
         notes.push("the calibration's accuracy is unknown: the error is that of sampling alone".into());
     }
     Ok(Measured {
@@ -151,7 +133,7 @@ pub fn measure(asked: &Asked, doubt: &Uncertainty) -> Result<Measured, MeasureEr
         value,
         unit: figure.unit(),
         error: calibration.hypot(of_sampling),
-        of_calibration: doubt.calibration_mm.map(|_| calibration),
+        of_calibration: uncertainty.calibration_mm.map(|_| calibration),
         of_sampling,
         notes,
     })

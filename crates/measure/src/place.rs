@@ -6,7 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use render::Picked;
 
-use super::{MOST_MM, MOST_WIDE_MM, MeasureError};
+use crate::error::MeasureError;
+
+/// Largest coordinate of a place in the world, mm.
+pub(super) const MOST_MM: f64 = 1e5;
+/// Largest width of pixels and depths, mm.
+pub(super) const MOST_WIDE_MM: f64 = 100.0;
 
 /// A world position, and how it was picked.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,8 +48,8 @@ struct Known {
 }
 
 impl From<MarkInput> for Place {
-    fn from(said: MarkInput) -> Self {
-        match said {
+    fn from(input: MarkInput) -> Self {
+        match input {
             MarkInput::Point(point) => point.into(),
             MarkInput::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
         }

@@ -11,12 +11,13 @@ use reconstruct::kernel::AxisKernel;
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::slice::Slice;
 
-use super::{MOST_MM, MeasureError};
+use super::MeasureError;
+use super::place::MOST_MM;
 
 /// Largest number of stored slice positions: nearly two hours at 60 a second, some 60 MB.
 const MOST: usize = 400_000;
 /// Largest number of reported slices of a place, those with the largest weights.
-const TOLD: usize = 64;
+const MOST_LISTED: usize = 64;
 
 /// Position of a slice.
 #[derive(Debug, Clone, Copy)]
@@ -85,12 +86,12 @@ impl Slices {
     /// Creates a log for a volume reconstructed with this kernel across the plane.
     pub fn new(across: Option<AxisKernel>) -> Self {
         let slices = Self::default();
-        slices.weave(across);
+        slices.restart(across);
         slices
     }
 
     /// Restarts the log for a new volume, with this kernel.
-    pub fn weave(&self, across: Option<AxisKernel>) {
+    pub fn restart(&self, across: Option<AxisKernel>) {
         *self.log() = Log { across, ..Log::default() };
     }
 
@@ -132,8 +133,8 @@ impl Slices {
         let all: f64 = found.iter().map(|(weight, _)| weight).sum();
         found.sort_by(|(a, one), (b, other)| b.total_cmp(a).then(one.frame.cmp(&other.frame)));
         let count = found.len();
-        let told = found.into_iter().take(TOLD);
-        let slices = told.map(|(weight, source)| Source { share: weight / all.max(f64::MIN_POSITIVE), ..source });
+        let listed = found.into_iter().take(MOST_LISTED);
+        let slices = listed.map(|(weight, source)| Source { share: weight / all.max(f64::MIN_POSITIVE), ..source });
         Ok(Sources { count, slices: slices.collect(), forgotten })
     }
 }

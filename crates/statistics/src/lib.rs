@@ -128,7 +128,7 @@ impl FillNumbers {
     pub fn of(filled: &Filled<'_>) -> Self {
         let (FillWork { bricks_considered, bricks_touched, holes, filled: count }, how) =
             (filled.work(), filled.filling());
-        let (law, radius_mm) = (how.law.name(), how.radius_mm);
+        let (law, radius_mm) = (how.method.name(), how.radius_mm);
         Self { law, radius_mm, bricks_considered, bricks_touched, holes, filled: count }
     }
 }

@@ -187,7 +187,7 @@ impl SessionReplay {
                 continue;
             }
             let source = name.and_then(|name| self.devices.iter().position(|device| device.name == name));
-            let decodes = self.settings.decode && source.is_some_and(|at| self.devices[at].speech.is_some());
+            let decodes = self.settings.decode && source.is_some_and(|at| self.devices[at].line_protocol.is_some());
             let is_made_of_bytes =
                 [&schema::POSE_OF_STATION, &schema::COUNTS].iter().any(|one| one.name == schema.name);
             if decodes && is_made_of_bytes {
@@ -208,7 +208,7 @@ impl SessionReplay {
         };
         let raw = raw.clone();
         self.found.push_back(reading);
-        let RecordedDevice { name, speech, .. } = &self.devices[at];
+        let RecordedDevice { name, line_protocol: speech, .. } = &self.devices[at];
         if let (None, Some(speech)) = (self.lines.get(&at), speech) {
             self.lines.insert(at, Lines::new(speech, name)?);
         }

@@ -48,7 +48,7 @@ fn record(
         }
         session.describe(source, device.describe()).unwrap();
     }
-    let recorded = RecordedDevice { name: "it".into(), speech, description: device.describe().clone() };
+    let recorded = RecordedDevice { name: "it".into(), line_protocol: speech, description: device.describe().clone() };
     assert_eq!(session.finish(clock.now_ns()).unwrap().lost, 0);
     (folder, SessionSettings::new(path), live, recorded)
 }

@@ -27,12 +27,12 @@ use super::recorded::GRABBER;
 use crate::devices::{self, Devices};
 
 /// Shortest time between two evaluations.
-const JUDGED_EVERY: Duration = Duration::from_millis(500);
+const ADVISED_EVERY: Duration = Duration::from_millis(500);
 /// Shortest pause between evaluations, as a multiple of the last one's duration. Incoming
 /// samples must not wait.
-const BREATH: u32 = 4;
+const PAUSE: u32 = 4;
 /// Time between two lines of output without a terminal.
-const SAID_EVERY: Duration = Duration::from_secs(2);
+const PRINTED_EVERY: Duration = Duration::from_secs(2);
 /// Steps of the progress bar.
 const STEPS: f64 = 1000.0;
 
@@ -70,7 +70,7 @@ impl Gathering {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Advice {
     /// A sentence.
-    pub says: String,
+    pub message: String,
     /// Progress towards the goal, 0 to 1; 1 is enough.
     pub share: f64,
     /// Samples before this are to be left out, s from the recording's beginning.
@@ -79,20 +79,20 @@ pub struct Advice {
 
 impl Advice {
     /// Advice that something is missing, at progress 0.
-    pub fn missing(says: impl Into<String>) -> Self {
-        Self { says: says.into(), share: 0.0, from_s: None }
+    pub fn missing(message: impl Into<String>) -> Self {
+        Self { message: message.into(), share: 0.0, from_s: None }
     }
 
     /// Advice at the given progress.
-    pub fn at(share: f64, says: impl Into<String>) -> Self {
-        Self { says: says.into(), share, from_s: None }
+    pub fn at(share: f64, message: impl Into<String>) -> Self {
+        Self { message: message.into(), share, from_s: None }
     }
 }
 
 /// Evaluates the samples of one kind of calibration.
 pub trait Guide {
     /// Takes a sample of a device. Device 0 is the tracker or the arm, device 1 the grabber.
-    fn hear(&mut self, device: usize, live: Live);
+    fn add(&mut self, device: usize, live: Live);
     /// Returns the next advice, from all samples so far.
     fn advise(&mut self) -> Advice;
 }
@@ -106,20 +106,20 @@ pub struct Gathered {
 }
 
 /// Records a session's devices until the guide has enough, Ctrl-C is pressed, or the time is
-/// over. Only the devices that `begin` returns are recorded; the first of them carries the
+/// over. Only the roles that `begin` returns are recorded; the first of them carries the
 /// probe.
 ///
 /// # Errors
 /// [`Failure`] when the devices cannot be opened or nothing can be recorded.
 pub fn lead<G: Guide>(
     path: &Path,
-    conduct: &Gathering,
+    gathering: &Gathering,
     begin: impl FnOnce(&Bedside) -> Result<(G, Vec<DeviceRole>), Failure>,
 ) -> Result<Gathered, Failure> {
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     let (mut guide, roles) = begin(&bedside)?;
     let here = PathBuf::from(".");
-    let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
+    let folder = gathering.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = quit_on_signal()?;
     let policy = status_publisher::policy(&bedside)?;
     let Devices { tracking, protocol, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
@@ -135,27 +135,28 @@ pub fn lead<G: Guide>(
     let opened = roles.into_iter().zip(opened);
     let devices: Vec<SessionDevice> =
         opened.map(|(role, (device, protocol))| SessionDevice { role, device, protocol }).collect();
-    let (began, mut screen) = (Instant::now(), Screen::new());
-    let (mut judged, mut took) = (Instant::now(), Duration::ZERO);
+    let (began, mut display) = (Instant::now(), AdviceDisplay::new());
+    let (mut advised, mut took) = (Instant::now(), Duration::ZERO);
     let mut last = Advice::missing("waiting for the devices");
     let (recording, account) =
-        record_only(devices, Some(record), &policy, bedside.mask, &Monotonic, &ends, |heard| match heard {
-            RecordEvent::Sample(device, live) => guide.hear(device, live),
+        record_only(devices, Some(record), &policy, bedside.mask, &Monotonic, &ends, |event| match event {
+            RecordEvent::Sample(device, live) => guide.add(device, live),
             RecordEvent::Turn(account) => {
-                if judged.elapsed() >= JUDGED_EVERY.max(BREATH * took) {
+                if advised.elapsed() >= ADVISED_EVERY.max(PAUSE * took) {
                     let start = Instant::now();
                     last = guide.advise();
-                    (took, judged) = (start.elapsed(), Instant::now());
-                    screen.show(&last, account);
+                    (took, advised) = (start.elapsed(), Instant::now());
+                    display.show(&last, account);
                 }
-                if last.share >= 1.0 || conduct.duration.is_some_and(|s| began.elapsed() >= Duration::from_secs_f64(s))
+                if last.share >= 1.0
+                    || gathering.duration.is_some_and(|s| began.elapsed() >= Duration::from_secs_f64(s))
                 {
                     ends.store(true, Ordering::Relaxed);
                 }
             }
         })?;
     drop(twins);
-    screen.end(&last);
+    display.end(&last);
     let Some(recording) = recording else { return Err(Failure("nothing was recorded".into())) };
     account.notes.iter().for_each(|note| say(note));
     let lost = recording.lost.total() + recording.after_end.total();
@@ -168,12 +169,12 @@ pub fn lead<G: Guide>(
 }
 
 /// Output of the advice: a progress bar in a terminal, lines elsewhere.
-struct Screen {
+struct AdviceDisplay {
     bar: Option<ProgressBar>,
-    said: Option<(String, Instant)>,
+    printed: Option<(String, Instant)>,
 }
 
-impl Screen {
+impl AdviceDisplay {
     fn new() -> Self {
         let bar = stderr().is_terminal().then(|| {
             let bar = ProgressBar::with_draw_target(Some(STEPS as u64), ProgressDrawTarget::stderr());
@@ -182,20 +183,20 @@ impl Screen {
             }
             bar
         });
-        Self { bar, said: None }
+        Self { bar, printed: None }
     }
 
     fn show(&mut self, advice: &Advice, account: &SessionStatus) {
-        let text = advice.says.clone() + &troubles(account);
+        let text = advice.message.clone() + &troubles(account);
         if let Some(bar) = &self.bar {
             bar.set_position((advice.share.clamp(0.0, 1.0) * STEPS) as u64);
             bar.set_message(text);
             return;
         }
-        let is_due = |(said, at): &(String, Instant)| *said != text && at.elapsed() >= SAID_EVERY;
-        if self.said.as_ref().is_none_or(is_due) {
+        let is_due = |(printed, at): &(String, Instant)| *printed != text && at.elapsed() >= PRINTED_EVERY;
+        if self.printed.as_ref().is_none_or(is_due) {
             say(&format!("{:3.0} %: {text}", 100.0 * advice.share.clamp(0.0, 1.0)));
-            self.said = Some((text, Instant::now()));
+            self.printed = Some((text, Instant::now()));
         }
     }
 
@@ -203,6 +204,6 @@ impl Screen {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
-        say(&if last.share >= 1.0 { format!("enough: {}", last.says) } else { format!("ended: {}", last.says) });
+        say(&if last.share >= 1.0 { format!("enough: {}", last.message) } else { format!("ended: {}", last.message) });
     }
 }

@@ -172,7 +172,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         limit_mm: *limit,
     };
     outputs.write(&transform, &provenance, &report)?;
-    print(&(text + &outputs.told()))
+    print(&(text + &outputs.summary()))
 }
 
 /// Returns the advice on the landmarks to touch next.
@@ -183,12 +183,12 @@ fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
         [] => String::new(),
         missed => format!("; touch {}, each for two seconds", missed.join(", ")),
     };
-    let says = format!(
+    let message = format!(
         "{touched} of {} landmarks are touched, {:.2} mm off (rms){next}",
         landmarks.len(),
         registered.error_mm.rms
     );
-    Advice::at(touched as f64 / landmarks.len() as f64, says)
+    Advice::at(touched as f64 / landmarks.len() as f64, message)
 }
 
 /// Returns the predicted registration error of the phantom's centre and of its worst point, mm.

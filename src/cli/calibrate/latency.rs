@@ -14,7 +14,7 @@ use calibration::latency::align::AlignOptions;
 use calibration::latency::crossings::{Agreement, Slices};
 use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, floor_lag};
 use calibration::latency::line::{Finder, Still};
-use calibration::latency::poses::Poses;
+use calibration::latency::pose_spline::PoseSpline;
 use config::Settings;
 use config::bedside::pixel_mm;
 
@@ -27,10 +27,6 @@ use source::Source;
 
 /// Largest number of slices held at once. Pairs of more take longer than they are worth.
 const MOST_SLICES: u64 = 1000;
-/// Difference between the found lag and a recording's pairing lag at which a note is printed,
-/// standard errors.
-const OTHER: f64 = 3.0;
-
 /// Flags of `calibrate latency`.
 #[derive(Debug, Args)]
 #[command(
@@ -99,8 +95,11 @@ enum Method {
 /// [`Failure`] when the recording does not determine the lag; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
-    let made =
-        arguments.gathering.of(arguments.live.as_ref())?.map(|path| guide::gathered(path, arguments)).transpose()?;
+    let made = arguments
+        .gathering
+        .of(arguments.live.as_ref())?
+        .map(|path| guide::gathered(path, &arguments.gathering))
+        .transpose()?;
     let source = arguments.source(made.as_deref())?;
     let config = arguments.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
     let nothing = Settings::default();
@@ -188,8 +187,8 @@ impl Arguments {
         notes: &mut Vec<String>,
     ) -> Result<Result<FloorLag, CalibrationError>, Failure> {
         let mut still: Option<Still> = None;
-        let unfit = source.pictures(|shown, _| {
-            let view = shown.view()?;
+        let unfit = source.pictures(|image, _| {
+            let view = image.view()?;
             match &mut still {
                 None => still = Some(Still::new(&view)),
                 Some(still) => {
@@ -204,8 +203,8 @@ impl Arguments {
         let mut frames = Vec::new();
         if let Some(still) = still {
             let mut finder = Finder::new(still);
-            source.pictures(|shown, stamps| {
-                let line = finder.find(&shown.view()?);
+            source.pictures(|image, stamps| {
+                let line = finder.find(&image.view()?);
                 frames.push(FloorFrame { stamps, line });
                 Ok(())
             })?;
@@ -226,18 +225,18 @@ impl Arguments {
         notes: &mut Vec<String>,
     ) -> Result<Agreement, Failure> {
         let (samples, probe_from_image) = source.placed(calibration)?;
-        let poses = Poses::new(&samples)?;
+        let poses = PoseSpline::new(&samples)?;
         // Finds the pixels that change at all, and counts the video frames.
         let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
         let mut count = 0_u64;
-        let unfit = source.pictures(|shown, _| {
+        let unfit = source.pictures(|image, _| {
             count += 1;
             match &mut ends {
-                None => ends = Some((shown.pixels.iter().map(|x| [*x; 2]).collect(), shown.size)),
-                Some((_, size)) if *size != shown.size => return Err(sizes(source)),
+                None => ends = Some((image.pixels.iter().map(|x| [*x; 2]).collect(), image.size)),
+                Some((_, size)) if *size != image.size => return Err(sizes(source)),
                 Some((ends, _)) => {
                     ends.iter_mut()
-                        .zip(shown.pixels)
+                        .zip(image.pixels)
                         .for_each(|([low, high], x)| (*low, *high) = ((*low).min(*x), (*high).max(*x)));
                 }
             }
@@ -259,9 +258,9 @@ impl Arguments {
         let mut slices = Slices::new(width, height, &is_data, probe_from_image, poses);
         let every = count.div_ceil(MOST_SLICES).max(1);
         let mut at = 0_u64;
-        source.pictures(|shown, stamps| {
+        source.pictures(|image, stamps| {
             if at.is_multiple_of(every) {
-                slices.push(stamps.given_s, shown.pixels, width, height);
+                slices.push(stamps.given_s, image.pixels, width, height);
             }
             at += 1;
             Ok(())

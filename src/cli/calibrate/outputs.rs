@@ -184,7 +184,7 @@ impl Outputs {
     }
 
     /// Returns the lines that list the written files.
-    pub(super) fn told(&self) -> String {
+    pub(super) fn summary(&self) -> String {
         self.written().map(|(what, path)| format!("{what}: {}\n", path.display())).collect()
     }
 }

@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         stylus_tip_to_stylus: rows(pivot.stylus_from_tip.affine()),
     };
     outputs.write(&transform, &provenance, &report)?;
-    print(&(text + &outputs.told()))
+    print(&(text + &outputs.summary()))
 }
 
 impl Arguments {
@@ -135,11 +135,11 @@ impl Arguments {
         let worst = sds(&pivot).into_iter().fold(0.0, f64::max);
         let seconds = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
         let share = (self.goal / worst).powi(2).min(seconds / LEAST_S);
-        let says = format!(
+        let message = format!(
             "the tip is known to {worst:.3} mm, the goal is {} mm, after {seconds:.0} s of at least {LEAST_S:.0}; swing on to all sides, with the tip in its place",
             self.goal
         );
-        Ok(Advice::at(share, says))
+        Ok(Advice::at(share, message))
     }
 }
 

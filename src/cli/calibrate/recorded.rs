@@ -2,6 +2,7 @@
 //! Images are read one by one and are not kept.
 
 mod sequence;
+mod times;
 mod tracks;
 
 use std::path::{Path, PathBuf};
@@ -11,21 +12,20 @@ use calibration::picture::GreyView;
 use calibration::probe::track::{Poses, Track};
 use config::bedside::Bedside;
 use mask::{Mask, MaskPlan, MaskSettings};
-use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
-use sonoweave_core::reading::{Reading, Stamp};
+use pipeline::live::{Latencies, RecordedDecisions, walk};
+use sonoweave_core::reading::Reading;
 
 use super::super::{Failure, input};
-use crate::cli::live::stages::{Kept, roles};
+use crate::cli::live::stages::Kept;
+use sequence::OfItem;
 pub(super) use sequence::each;
 use sonoweave_core::refusal::Refusal;
 use sonoweave_core::slice::{Image, Pixels};
 use sync::clock::Timed;
 use sync::ingest::live::Live;
 use sync::ingest::{Ingest, Picture, Sample};
-pub(super) use tracks::Tracks;
-
-/// Index of the grabber among a session's roles.
-pub(super) const GRABBER: usize = 1;
+pub(super) use times::{seconds, stamps};
+pub(super) use tracks::{GRABBER, Tracks, without_latency};
 
 /// A recording.
 pub(super) enum Recorded {
@@ -36,7 +36,7 @@ pub(super) enum Recorded {
 }
 
 /// An image in 8 bits and MF orientation.
-pub(super) struct Shown<'a> {
+pub(super) struct GreyImage<'a> {
     /// Its number in the recording.
     pub(super) frame: u64,
     /// Its time stamps, if the recording has any.
@@ -45,7 +45,7 @@ pub(super) struct Shown<'a> {
     pub(super) pixels: &'a [u8],
 }
 
-impl Shown<'_> {
+impl GreyImage<'_> {
     /// Returns its time, s. In a recording without times, images are taken as a second apart.
     pub(super) fn time_s(&self) -> f64 {
         self.stamps.map_or(self.frame as f64, |stamps| stamps.given_s)
@@ -82,9 +82,6 @@ impl Unfit {
     }
 }
 
-/// An item of a sequence and its poses, or the reason why it has none.
-type OfItem = (u64, Result<Poses, String>);
-
 /// Poses of a sensor relative to the reference.
 pub(super) enum Tracked {
     /// A sequence's poses, by item.
@@ -96,16 +93,16 @@ pub(super) enum Tracked {
 
 impl Tracked {
     /// Returns the poses at an image's time, or a sentence with the reason why there are none.
-    pub(super) fn at(&self, shown: &Shown<'_>) -> Result<Poses, String> {
+    pub(super) fn at(&self, image: &GreyImage<'_>) -> Result<Poses, String> {
         match self {
             Self::Items(items) => {
-                let found = items.binary_search_by_key(&shown.frame, |(item, _)| *item);
-                found.map_or_else(|_| Err(format!("item {}: has no poses", shown.frame)), |at| items[at].1.clone())
+                let found = items.binary_search_by_key(&image.frame, |(item, _)| *item);
+                found.map_or_else(|_| Err(format!("item {}: has no poses", image.frame)), |at| items[at].1.clone())
             }
-            Self::Samples { track, sensor, .. } => track.at(shown.time_s()).ok_or_else(|| {
+            Self::Samples { track, sensor, .. } => track.at(image.time_s()).ok_or_else(|| {
                 format!(
                     "item {}: the tracker has no valid poses of {sensor} and its reference at that time",
-                    shown.frame
+                    image.frame
                 )
             }),
         }
@@ -161,12 +158,15 @@ impl Recorded {
         }
     }
 
-    /// Passes every image to `take`; returns the unusable ones.
+    /// Passes every image to `visit`; returns the unusable ones.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or its images are not in 8 bits; and
-    /// `take`'s own.
-    pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
+    /// `visit`'s own.
+    pub(super) fn pictures(
+        &self,
+        mut visit: impl FnMut(GreyImage<'_>) -> Result<(), Failure>,
+    ) -> Result<Unfit, Failure> {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
             let pixels = grey(image).map_err(|kind| {
@@ -176,7 +176,7 @@ impl Recorded {
                     self.path().display()
                 ))
             })?;
-            take(Shown { frame, stamps, size: [image.width(), image.height()], pixels })
+            visit(GreyImage { frame, stamps, size: [image.width(), image.height()], pixels })
         };
         match self {
             Self::Sequence(path) => {
@@ -236,13 +236,13 @@ fn grey(image: &Image) -> Result<&[u8], &'static str> {
 ///
 /// # Errors
 /// [`Failure`] when it is not of 8 bits.
-pub(super) fn shown_now<'a>(picture: &'a Picture, timed: &Timed) -> Result<Shown<'a>, Failure> {
+pub(super) fn live_image<'a>(picture: &'a Picture, timed: &Timed) -> Result<GreyImage<'a>, Failure> {
     let image = &picture.image;
     let pixels = grey(image).map_err(|kind| {
         Failure(format!("the grabber's frames have {kind}; choose a format of 8 bits ([grabber] format)"))
     })?;
     let stamps = Some(Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() });
-    Ok(Shown { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
+    Ok(GreyImage { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
 }
 
 /// Returns the mask of the image data, if it is known beforehand.
@@ -254,20 +254,4 @@ pub(super) fn data(settings: &MaskSettings, [width, height]: [u32; 2]) -> Result
         MaskPlan::Fixed(mask) => Some(mask),
         MaskPlan::Auto(_) => None,
     })
-}
-
-/// Returns a session's devices with zero latency: the search is for the whole latency.
-pub(super) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
-    let roles = roles(bedside)?;
-    Ok(roles.into_iter().map(|role| DeviceRole { latency_ns: 0, ..role }).collect())
-}
-
-pub(super) fn seconds(ns: i64) -> f64 {
-    ns as f64 * 1e-9
-}
-
-/// Returns the measurement times, if the source gives them.
-pub(super) fn stamps(stamp: &Stamp, number: Option<u64>) -> Option<Stamps> {
-    let given_s = stamp.host_ns.map(seconds).or(stamp.source_s)?;
-    Some(Stamps { given_s, raw_s: stamp.unfiltered_s, number })
 }

@@ -8,14 +8,14 @@ use config::Settings as Config;
 
 use super::super::Failure;
 
-/// Reads the tip in the frame of its stylus's sensor, mm. `asked` marks a file that the user
+/// Reads the tip in the frame of its stylus's sensor, mm. `is_given` marks a file that the user
 /// named for this.
 ///
 /// # Errors
 /// [`Failure`] when the file cannot be read, or does not hold the tip.
-pub(super) fn tip(path: &Path, stylus: &str, asked: bool) -> Result<DVec3, Failure> {
+pub(super) fn tip(path: &Path, stylus: &str, is_given: bool) -> Result<DVec3, Failure> {
     let missing = || {
-        let hint = if asked { "measure it with `calibrate pivot`" } else { "give its file with --stylus-tip" };
+        let hint = if is_given { "measure it with `calibrate pivot`" } else { "give its file with --stylus-tip" };
         Failure(format!(
             "{}: lacks the position of the tip of {stylus} (no StylusTipTo{stylus}); {hint}",
             path.display()
@@ -23,7 +23,7 @@ pub(super) fn tip(path: &Path, stylus: &str, asked: bool) -> Result<DVec3, Failu
     };
     let text = sonoweave_core::keys::read_text(path, config::MAX_BYTES)?;
     // Our phantom file holds no transforms of a stylus.
-    if !asked && !text.trim_start().starts_with('<') {
+    if !is_given && !text.trim_start().starts_with('<') {
         return Err(missing());
     }
     let known = Config::parse(path, &text, None)?.transforms;

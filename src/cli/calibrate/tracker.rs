@@ -20,7 +20,7 @@ use super::outputs::{Input, Outputs, originates, place, print, rows};
 use super::poses::{Counts, Poses, Recording, Source, poses};
 
 /// Largest number of cells that the text lists.
-const TOLD: usize = 8;
+const MOST_PRINTED: usize = 8;
 
 /// Rest that determines a sensor's noise, s.
 const STILL_S: f64 = 10.0;
@@ -181,9 +181,9 @@ fn stillness(read: &Poses) -> Advice {
     };
     let whole = (1..=STILL_S as u32).map(f64::from).take_while(lies);
     let seconds = whole.last().unwrap_or(0.0);
-    let says =
+    let message =
         format!("the sensor lies still for {seconds:.0} of {STILL_S:.0} s; lay it down, let go of it, and keep away");
-    Advice { from_s: Some(end_s - seconds), ..Advice::at(seconds / STILL_S, says) }
+    Advice { from_s: Some(end_s - seconds), ..Advice::at(seconds / STILL_S, message) }
 }
 
 impl Arguments {
@@ -219,7 +219,7 @@ impl Arguments {
             farthest_mm,
         };
         self.outputs.write_changed(|_| {}, &report)?;
-        print(&(self.of_noise(read, &found) + &self.outputs.told()))
+        print(&(self.of_noise(read, &found) + &self.outputs.summary()))
     }
 
     fn of_noise(&self, read: &Poses, found: &Noise) -> String {
@@ -250,13 +250,13 @@ impl Arguments {
     fn coverage(&self, map: &Map) -> Advice {
         let cells = map.cells.len();
         let beyond = map.zones.len();
-        let says = format!(
+        let message = format!(
             "{cells} cells of {} mm were visited, {beyond} of them beyond {} mm; continue through the scanning area, \
             and end by Ctrl-C",
             self.cell, self.limit
         );
         // Only the operator knows the size of the room, so the progress never reaches 1.
-        Advice::at((cells as f64 / USUAL_CELLS).min(0.99), says)
+        Advice::at((cells as f64 / USUAL_CELLS).min(0.99), message)
     }
 
     fn map(&self, recording: &Recording, read: &Poses, between: &Poses, other: &str) -> Result<(), Failure> {
@@ -295,7 +295,7 @@ impl Arguments {
             originates(file, "Distortion", &provenance);
         };
         self.outputs.write_changed(change, &report)?;
-        print(&(self.of_map(other, between, &map) + &self.outputs.told()))
+        print(&(self.of_map(other, between, &map) + &self.outputs.summary()))
     }
 
     fn of_map(&self, other: &str, between: &Poses, map: &Map) -> String {
@@ -328,7 +328,7 @@ impl Arguments {
                 self.limit
             ),
         };
-        for cell in map.zones.iter().take(TOLD).map(|zone| &map.cells[*zone]) {
+        for cell in map.zones.iter().take(MOST_PRINTED).map(|zone| &map.cells[*zone]) {
             let middle = cell.low_mm + glam::DVec3::splat(0.5 * map.cell_mm);
             let _ = writeln!(
                 text,
@@ -339,8 +339,8 @@ impl Arguments {
                 cell.pairs
             );
         }
-        if map.zones.len() > TOLD {
-            let _ = writeln!(text, "  and {} more in the report", map.zones.len() - TOLD);
+        if map.zones.len() > MOST_PRINTED {
+            let _ = writeln!(text, "  and {} more in the report", map.zones.len() - MOST_PRINTED);
         }
         text
     }

@@ -224,8 +224,9 @@ impl SessionReport {
 
     /// Adds a device; its last description counts.
     fn meet(&mut self, device: RecordedDevice) {
-        let RecordedDevice { name, speech, description } = device;
-        let (protocol, settings) = speech.map(|speech| (speech.protocol, speech.settings)).unzip();
+        let RecordedDevice { name, line_protocol, description } = device;
+        let (protocol, settings) =
+            line_protocol.map(|line_protocol| (line_protocol.protocol, line_protocol.settings)).unzip();
         let report = DeviceReport {
             name,
             source: description.name,

@@ -78,7 +78,7 @@ impl StatusPublisher {
             screen.follow(&guidance);
             self.guidance = Some(guidance);
         }
-        self.slices.weave(kernels(bedside).map(|[_, _, across]| across));
+        self.slices.restart(kernels(bedside).map(|[_, _, across]| across));
         self.latest.adopt(basis(bedside, self.kind));
         Ok(())
     }

@@ -41,7 +41,7 @@ impl Viewers {
     fn ground(&self, picture: &Picture) {
         // If they are invalid, the render thread reports why.
         if let (Some(screen), Ok(settings)) = (&self.screen, picture.settings(None)) {
-            let (name, range) = (picture.look.transfer_name().to_owned(), picture.window);
+            let (name, range) = (picture.view.transfer_name().to_owned(), picture.window);
             let heeded = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
             screen.ground(Ground { transfer: settings.transfer, name, range, heeded });
         }

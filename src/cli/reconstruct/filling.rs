@@ -40,7 +40,7 @@ impl FillFlags {
             FillName::Nearest => FillMethod::Nearest,
             FillName::Gaussian => FillMethod::Gaussian,
         };
-        Some(Filling { law, radius_mm: self.fill_radius.unwrap_or(RADIUS_MM) })
+        Some(Filling { method: law, radius_mm: self.fill_radius.unwrap_or(RADIUS_MM) })
     }
 
     /// Refuses, before the work, a filling that is impossible on such a lattice, or without

@@ -8,7 +8,7 @@ use serde::Serialize;
 use config::Settings as Config;
 use export::dicom::volume::VolumeImage;
 use export::fill::{FILLED, Filled};
-use export::planes::{PlanesOptions, Shown, Window, planes};
+use export::planes::{PlanesOptions, VoxelValue, Window, planes};
 use export::volume::{DenseBox, Encoding, write_values, write_weights};
 use mask::MaskSettings;
 use pipeline::Outcome;
@@ -212,8 +212,8 @@ fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failur
     let shown = |voxel: [u64; 3]| {
         let at: [i64; 3] = std::array::from_fn(|a| space.first[a] + voxel[a] as i64);
         match volume.voxel(at) {
-            (r, w) if w > SEEN => Some(Shown::Seen(r / w)),
-            (r, w) if w == FILLED => Some(Shown::Filled(r / w)),
+            (r, w) if w > SEEN => Some(VoxelValue::Seen(r / w)),
+            (r, w) if w == FILLED => Some(VoxelValue::Filled(r / w)),
             _ => None,
         }
     };

@@ -7,7 +7,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::cli::{Failure, values};
-pub(in crate::cli) use config::look::Draw;
+pub(in crate::cli) use config::view_settings::Draw;
 use export::sections::{Sheet, Wash};
 use render::section::{Box3, Plane, Sampled};
 use sonoweave_core::keys::numbers;

@@ -3,19 +3,20 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{Known, Number, Options, Touch, refusal};
+use super::number::Number;
+use super::options::Options;
+use super::touches::{Known, Touch};
 use crate::arm::{Arm, JOINTS, Joint, Values};
-use crate::error::ArmError;
 use crate::least_squares::{
     Blocks, Loss, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve,
 };
 
 /// The residuals estimate their noise only with this many measured numbers per parameter. With
 /// fewer, the fit could meet some exactly and take the rest for outliers.
-const SAY_THEIR_NOISE: usize = 3;
+const LEAST_PER_NUMBER: usize = 3;
 
 /// A fitted number: joint index, kind, and place among the parameters.
-pub(super) type Sought = (usize, Number, Vector<1>);
+pub(super) type FittedNumber = (usize, Number, Vector<1>);
 
 /// The parameters of a fit, and their relation to the joints' numbers.
 pub(super) struct Model<'a> {
@@ -24,7 +25,7 @@ pub(super) struct Model<'a> {
     pub(super) touches: &'a [Touch],
     pub(super) options: &'a Options,
     pub(super) parameters: Parameters,
-    pub(super) numbers: Vec<Sought>,
+    pub(super) numbers: Vec<FittedNumber>,
     /// Position of the plate: its angle (absent for one divot) and its shift. Distances have no
     /// position.
     placing: Option<(Option<Vector<1>>, Vector<2>)>,
@@ -36,7 +37,7 @@ impl<'a> Model<'a> {
         let mut parameters = Parameters::new();
         let mut numbers = Vec::new();
         for (index, joint) in start.joints().iter().enumerate() {
-            for number in Number::ALL.into_iter().filter(|number| number.is_wanted(index, options)) {
+            for number in Number::ALL.into_iter().filter(|number| number.is_fitted(index, options)) {
                 let mut copy = *joint;
                 let Some(value) = number.of(&mut copy) else { continue };
                 let name = format!("{} of joint {}", number.name(), index + 1);
@@ -70,8 +71,8 @@ impl<'a> Model<'a> {
     /// errors of both its ends.
     pub(super) fn sd_of_residual_mm(&self) -> f64 {
         match self.known {
-            Known::Divots(_) => self.options.seat_mm,
-            Known::Distances(_) => self.options.seat_mm * 2.0_f64.sqrt(),
+            Known::Divots(_) => self.options.tip_sd_mm,
+            Known::Distances(_) => self.options.tip_sd_mm * 2.0_f64.sqrt(),
         }
     }
 
@@ -85,8 +86,8 @@ impl<'a> Model<'a> {
         self.placing.map_or(DVec2::ZERO, |(_, shift)| DVec2::from_array(state.vector(shift)))
     }
 
-    /// Returns the touches of both ends of a distance; [`refusal::check`] has verified that
-    /// there are two.
+    /// Returns the touches of both ends of a distance, after
+    /// [`check`](super::refusal::check) has verified that there are two.
     fn ends(&self, distance: usize) -> [&'a Touch; 2] {
         let mut own = self.touches.iter().filter(|touch| touch.of == distance);
         let mut next = || own.next().unwrap_or(&self.touches[0]);
@@ -104,13 +105,13 @@ impl<'a> Model<'a> {
     }
 
     fn put_divots(&self, state: &State, arm: &Arm, plate_mm: &[DVec2], blocks: &mut Blocks<'_>) {
-        let seat = Whitening::sd(self.options.seat_mm);
+        let noise = Whitening::sd(self.options.tip_sd_mm);
         let shift = self.shift(state);
         for touch in self.touches {
             let values = values(arm, touch);
             let divot = self.turned(state, plate_mm, touch);
             let residual = arm.pose(&values).point(self.options.tip_mm) - divot - shift;
-            let mut row = blocks.add(residual.to_array(), &seat);
+            let mut row = blocks.add(residual.to_array(), &noise);
             for (index, number, place) in &self.numbers {
                 let moved = moved(arm, &values, self.options.tip_mm, *index, *number);
                 row = row.by(*place, [[moved.x], [moved.y]]);
@@ -126,12 +127,12 @@ impl<'a> Model<'a> {
     }
 
     fn put_distances(&self, arm: &Arm, distances_mm: &[f64], blocks: &mut Blocks<'_>) {
-        let seat = Whitening::sd(self.sd_of_residual_mm());
+        let noise = Whitening::sd(self.sd_of_residual_mm());
         for (distance, mm) in distances_mm.iter().enumerate() {
             let ends = self.ends(distance).map(|touch| values(arm, touch));
             let [one, other] = ends.map(|values| arm.pose(&values).point(self.options.tip_mm));
             let along = (one - other).normalize_or_zero();
-            let mut row = blocks.add([(one - other).length() - mm], &seat);
+            let mut row = blocks.add([(one - other).length() - mm], &noise);
             for (index, number, place) in &self.numbers {
                 let [one, other] = ends.map(|values| moved(arm, &values, self.options.tip_mm, *index, *number));
                 row = row.by(*place, [[along.dot(one - other)]]);
@@ -169,19 +170,15 @@ impl<'a> Model<'a> {
     /// Returns how the solver learns the noise: from the residuals if there are many, else from
     /// the given value.
     pub(super) fn noise(&self) -> Noise {
-        match self.measured() < SAY_THEIR_NOISE * self.parameters.steps() {
+        match self.measured() < LEAST_PER_NUMBER * self.parameters.steps() {
             true => Noise::Known,
             false => Noise::Compared,
         }
     }
 
-    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, ArmError> {
+    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, Unsolved> {
         let settings = Settings { loss, noise, ..Settings::default() };
-        solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks)).map_err(|unsolved| match unsolved {
-            Unsolved::TooFew { parameters, .. } => ArmError::Few { touches: self.touches.len(), numbers: parameters },
-            Unsolved::NotFinite { .. } => ArmError::Senseless("a number is not finite".into()),
-            Unsolved::Undetermined { directions } => refusal::unseen(self, &directions),
-        })
+        solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks))
     }
 }
 

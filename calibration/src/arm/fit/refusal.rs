@@ -1,10 +1,12 @@
 //! Refusals: parameters that the touches do not determine, and the touches to add.
 
 use super::model::{self, Model};
-use super::{Known, Number, Options, Touch};
+use super::number::Number;
+use super::options::Options;
+use super::touches::{Known, Touch};
 use crate::arm::{Arm, JOINTS, Kind};
 use crate::error::ArmError;
-use crate::least_squares::{Direction, Solution};
+use crate::least_squares::{Direction, Solution, Unsolved};
 
 /// Touches are in one pose if no joint moves the tip by more than this, mm.
 const ONE_POSE_MM: f64 = 5.0;
@@ -28,7 +30,7 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
     let slides = start.joints().iter().any(|joint| joint.kind != Kind::Revolute);
     match known {
         Known::Divots(plate_mm) => {
-            let is_sized = slides || !options.lengths.iter().all(|wanted| *wanted);
+            let is_sized = slides || !options.lengths.iter().all(|is_fitted| *is_fitted);
             if !is_sized && model::is_one(plate_mm, touches) {
                 return Err(ArmError::OneDivot);
             }
@@ -42,9 +44,9 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
             }
         }
     }
-    let sought = Model::new(start, known, touches, options);
-    let numbers = sought.parameters.steps();
-    if touches.is_empty() || (!sought.numbers.is_empty() && sought.measured() < numbers + LEAST_FREEDOM) {
+    let model = Model::new(start, known, touches, options);
+    let numbers = model.parameters.steps();
+    if touches.is_empty() || (!model.numbers.is_empty() && model.measured() < numbers + LEAST_FREEDOM) {
         return Err(ArmError::Few { touches: touches.len(), numbers });
     }
     let mut reach_mm = 0.0;
@@ -54,21 +56,30 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
         reach_mm += joint.length_mm.abs();
         most_mm = most_mm.max((most - least) * if joint.kind == Kind::Revolute { reach_mm } else { 1.0 });
     }
-    if !sought.numbers.is_empty() && most_mm < ONE_POSE_MM {
+    if !model.numbers.is_empty() && most_mm < ONE_POSE_MM {
         return Err(ArmError::OnePose { touches: touches.len() });
     }
     Ok(())
 }
 
+/// Returns the refusal of touches for which the solver found no solution.
+pub(super) fn of(model: &Model<'_>, unsolved: Unsolved) -> ArmError {
+    match unsolved {
+        Unsolved::TooFew { parameters, .. } => ArmError::Few { touches: model.touches.len(), numbers: parameters },
+        Unsolved::NotFinite { .. } => ArmError::Senseless("a number is not finite".into()),
+        Unsolved::Undetermined { directions } => unseen(model, &directions),
+    }
+}
+
 /// Returns the refusal for undetermined directions, with advice.
 pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> ArmError {
     let what = directions.first().map(ToString::to_string).unwrap_or_default();
-    let share = |wanted: Number| -> f64 {
+    let share = |kind: Number| -> f64 {
         let own = directions.first().into_iter().flat_map(|direction| {
             model
                 .numbers
                 .iter()
-                .filter(|(_, number, _)| *number == wanted)
+                .filter(|(_, number, _)| *number == kind)
                 .map(|(_, _, place)| direction.share(*place)[0])
         });
         own.map(|share| share * share).sum()
@@ -107,8 +118,8 @@ fn hardly_moved(model: &Model<'_>) -> Option<String> {
 pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Result<(), ArmError> {
     let after = model.joints(&near.state);
     let sum = |joints: &[crate::arm::Joint; JOINTS]| -> f64 {
-        let sought = model.numbers.iter().filter(|(_, number, _)| *number == Number::Length);
-        sought.map(|(joint, ..)| joints[*joint].length_mm.abs()).sum()
+        let lengths = model.numbers.iter().filter(|(_, number, _)| *number == Number::Length);
+        lengths.map(|(joint, ..)| joints[*joint].length_mm.abs()).sum()
     };
     let (before, after) = (sum(start.joints()), sum(&after));
     if before <= 0.0 {

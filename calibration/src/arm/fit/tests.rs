@@ -8,7 +8,7 @@ use super::*;
 use crate::arm::check::check;
 use crate::arm::inverse::Elbow;
 use crate::arm::reach::Reach;
-use crate::arm::{PlanarPose, Sign};
+use crate::arm::{Joint, Kind, PlanarPose, Sign};
 use crate::error::ArmError;
 use crate::least_squares::check_jacobian;
 use crate::noise::Noise as Random;
@@ -38,18 +38,18 @@ fn plate() -> Vec<DVec2> {
     (0..6).map(|n| DVec2::new(60.0 * f64::from(n % 3), 60.0 * f64::from(n / 3))).collect()
 }
 
-/// Touches each divot from several sides, elbow left and right, with a seating error of
-/// `seat_mm`.
-fn touches(arm: &Arm, seat_mm: f64, seed: u64, sides: usize) -> Vec<Touch> {
+/// Touches each divot from several sides, elbow left and right, with a error in the divot of
+/// `tip_sd_mm`.
+fn touches(arm: &Arm, tip_sd_mm: f64, seed: u64, sides: usize) -> Vec<Touch> {
     let mut random = Random::new(seed);
     let mut touches = Vec::new();
     for (divot, at) in plate().iter().enumerate() {
         let place = DVec2::from_angle(0.4).rotate(*at) + DVec2::new(180.0, 60.0);
         for side in 0..sides {
             for elbow in [Elbow::Up, Elbow::Down] {
-                let seated = place + DVec2::new(random.normal(), random.normal()) * seat_mm;
+                let placed = place + DVec2::new(random.normal(), random.normal()) * tip_sd_mm;
                 let heading = 0.9 * (side as f64 / sides as f64) * TAU;
-                let pose = PlanarPose { position_mm: seated, heading_rad: heading };
+                let pose = PlanarPose { position_mm: placed, heading_rad: heading };
                 if let Ok(values) = arm.inverse(&pose, elbow) {
                     touches.push(Touch { counts: arm.counts(&values), of: divot });
                 }
@@ -198,28 +198,28 @@ fn check_names_slipped_encoder_and_bent_link() {
 }
 
 /// Simulates touches of each place from these headings, with alternating elbow.
-fn touched(arm: &Arm, places: &[DVec2], headings: &[f64], seat_mm: f64, seed: u64) -> Vec<[f64; JOINTS]> {
+fn touched(arm: &Arm, places: &[DVec2], headings: &[f64], tip_sd_mm: f64, seed: u64) -> Vec<[f64; JOINTS]> {
     let mut random = Random::new(seed);
     let mut all = Vec::new();
     for at in places {
         for (side, heading_rad) in headings.iter().enumerate() {
-            let seated = *at + DVec2::new(random.normal(), random.normal()) * seat_mm;
+            let placed = *at + DVec2::new(random.normal(), random.normal()) * tip_sd_mm;
             let elbow = if side % 2 == 0 { Elbow::Up } else { Elbow::Down };
-            let pose = PlanarPose { position_mm: seated, heading_rad: *heading_rad };
+            let pose = PlanarPose { position_mm: placed, heading_rad: *heading_rad };
             all.extend(arm.inverse(&pose, elbow).ok().map(|values| arm.counts(&values)));
         }
     }
     all
 }
 
-fn of_point(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
+fn of_point(arm: &Arm, tip_sd_mm: f64, seed: u64) -> Vec<Touch> {
     let headings: Vec<f64> = (0..16).map(|side| f64::from(side) * 0.35).collect();
-    let counts = touched(arm, &[DVec2::new(230.0, 90.0)], &headings, seat_mm, seed);
+    let counts = touched(arm, &[DVec2::new(230.0, 90.0)], &headings, tip_sd_mm, seed);
     counts.into_iter().map(|counts| Touch { counts, of: 0 }).collect()
 }
 
 /// Touches of a bar of 150 mm, laid near and far and turned.
-fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
+fn of_bar(arm: &Arm, tip_sd_mm: f64, seed: u64) -> Vec<Touch> {
     let mut all = Vec::new();
     for laid in 0..24_u32 {
         let n = f64::from(laid);
@@ -228,7 +228,7 @@ fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
         for (end, at) in [middle - half, middle + half].into_iter().enumerate() {
             let heading = at.to_angle() + 2.0 * (2.3 * n + end as f64).sin();
             let counts =
-                touched(arm, &[at], &[heading, heading], seat_mm, seed * 1000 + u64::from(laid) * 2 + end as u64);
+                touched(arm, &[at], &[heading, heading], tip_sd_mm, seed * 1000 + u64::from(laid) * 2 + end as u64);
             // The elbow bends to one side and, with the bar laid again, to the other.
             all.extend(counts.get(laid as usize % 2).map(|counts| Touch { counts: *counts, of: laid as usize }));
         }
@@ -240,7 +240,7 @@ fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
 }
 
 /// Returns the mean squared error over the reported variance, over many draws.
-fn said(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
+fn mean_ratio(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for seed in 0..200 {
         let mut start = guess();
@@ -262,7 +262,7 @@ fn said(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
 #[test]
 fn one_point_determines_zeros_and_two_lengths() {
     let known = Known::Divots(&[DVec2::ZERO]);
-    let mean = said(&known, |seed| of_point(&truth(), 0.1, seed));
+    let mean = mean_ratio(&known, |seed| of_point(&truth(), 0.1, seed));
     assert!((mean - 1.0).abs() < 0.3, "{mean}");
     let options = Options { lengths: [true; JOINTS], ..Options::of(&guess(), &known) };
     assert_eq!(fit(&guess(), &known, &of_point(&truth(), 0.1, 3), &options).unwrap_err(), ArmError::OneDivot.into());
@@ -277,7 +277,7 @@ fn known_distances_determine_zeros_and_lengths() {
         let distances = vec![150.0; known];
         let exact = fit(&guess(), &Known::Distances(&distances), &pairs, &Options::default()).unwrap();
         assert!(exact.rms_mm < 1e-6, "{}", exact.rms_mm);
-        said(&Known::Distances(&distances), |seed| of_bar(&truth(), 0.1, seed))
+        mean_ratio(&Known::Distances(&distances), |seed| of_bar(&truth(), 0.1, seed))
     };
     assert!(known >= 16 && (mean - 1.0).abs() < 0.3, "{known} {mean}");
     let inches = vec![150.0 / 25.4; known];
@@ -297,7 +297,7 @@ fn few_distances_use_known_noise() {
     // no outliers.
     let distances = [150.0; 12];
     let pairs = |seed| of_bar(&truth(), 0.1, seed).into_iter().filter(|touch| touch.of < 12).collect::<Vec<_>>();
-    let mean = said(&Known::Distances(&distances), pairs);
+    let mean = mean_ratio(&Known::Distances(&distances), pairs);
     // Student's t distribution with 7 degrees of freedom has variance 7/5.
     assert!((mean / 1.4 - 1.0).abs() < 0.3, "{mean}");
 }
@@ -365,7 +365,7 @@ fn tip_sd_over_reach_matches_errors() {
     // one.
     let known = plate();
     let known = Known::Divots(&known);
-    let (mut off, mut told) = (0.0, 0.0);
+    let (mut off, mut predicted) = (0.0, 0.0);
     for seed in 0..100 {
         let fitted = fit(&guess(), &known, &touches(&truth(), 0.1, seed, 4), &Options::default()).unwrap();
         for n in 0..20 {
@@ -374,12 +374,12 @@ fn tip_sd_over_reach_matches_errors() {
             let touch = Touch { counts, of: 0 };
             let tip = |arm: &Arm| arm.pose(&model::values(arm, &touch)).position_mm;
             off += tip(&fitted.arm).distance_squared(tip(&truth()));
-            told += fitted.sd_at(&model::values(&fitted.arm, &touch)).powi(2);
+            predicted += fitted.sd_at(&model::values(&fitted.arm, &touch)).powi(2);
         }
         let reach = Reach::of(&fitted);
         assert!(reach.rms_mm > 0.0 && reach.rms_mm <= reach.most_mm && reach.rings.len() == 4);
         assert!(reach.rings.windows(2).all(|two| two[0].mm[1] == two[1].mm[0]), "{reach:?}");
     }
-    let ratio = (off / told).sqrt();
+    let ratio = (off / predicted).sqrt();
     assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
 }

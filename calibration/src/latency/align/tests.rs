@@ -41,7 +41,7 @@ impl Hand {
 
 /// Simulates 12 frames and 45 poses a second for `duration` seconds; the tracker lags by `lag`.
 /// Values follow both numbers, the second one only slightly.
-fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<Observation>, Track<2>) {
+fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<TimedValue>, Spline<2>) {
     let hand = Hand::new(random);
     let mut poses = Vec::new();
     let mut time = -1.0;
@@ -55,10 +55,10 @@ fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<O
         let [along, aside] = hand.at(time);
         before = noise.goes_on * before + (1.0 - noise.goes_on * noise.goes_on).sqrt() * random.normal();
         let value = 100.0 - 9.0 * along + 0.8 * aside + noise.value * before;
-        values.push(Observation { time_s: time + noise.stamp * random.normal(), value });
+        values.push(TimedValue { time_s: time + noise.stamp * random.normal(), value });
         time += 0.075 + 0.02 * random.uniform();
     }
-    (values, Track::new(poses, 0.1).unwrap())
+    (values, Spline::new(poses, 0.1).unwrap())
 }
 
 const RANGE: AlignOptions = AlignOptions { range_s: 0.5 };
@@ -77,11 +77,11 @@ fn without_noise_only_spline_error_remains() {
     // straight pieces.
     let at = |t: f64| (t - 5.0) * (t - 3.0) * (t - 1.0);
     let poses = (0..400).map(|i| 0.015 * f64::from(i)).map(|t| (t, [at(t)])).collect();
-    let values: Vec<Observation> = (0..60)
+    let values: Vec<TimedValue> = (0..60)
         .map(|i| 2.0 + 0.03 * f64::from(i))
-        .map(|t| Observation { time_s: t, value: 7.0 * at(t + 0.0123) })
+        .map(|t| TimedValue { time_s: t, value: 7.0 * at(t + 0.0123) })
         .collect();
-    let found = align(&values, &Track::new(poses, 0.1).unwrap(), &AlignOptions { range_s: 0.2 }).unwrap();
+    let found = align(&values, &Spline::new(poses, 0.1).unwrap(), &AlignOptions { range_s: 0.2 }).unwrap();
     assert!((found.lag_s - 0.0123).abs() < 1e-6, "{found:?}");
 }
 
@@ -139,7 +139,7 @@ fn frames_with_wrong_line_are_outliers() {
 fn undetermined_lag_is_refused_by_name() {
     let noise = Noise { value: 1.0, ..NONE };
     let (values, track) = session(&mut Random::new(1), 0.05, 18.0, noise);
-    let moved = |by: f64| values.iter().map(|v| Observation { time_s: v.time_s + by, ..*v }).collect::<Vec<_>>();
+    let moved = |by: f64| values.iter().map(|v| TimedValue { time_s: v.time_s + by, ..*v }).collect::<Vec<_>>();
     assert!(matches!(align(&moved(1000.0), &track, &RANGE), Err(LatencyError::NoOverlap { most: 0, .. })));
     assert!(matches!(align(&values[..20], &track, &RANGE), Err(LatencyError::NoOverlap { .. })));
     assert!(matches!(
@@ -148,27 +148,27 @@ fn undetermined_lag_is_refused_by_name() {
     ));
     let at_edge = align(&moved(0.18), &track, &AlignOptions { range_s: 0.1 });
     assert!(matches!(at_edge, Err(LatencyError::AtEdge { .. })), "{at_edge:?}");
-    let still: Vec<Observation> = values.iter().map(|v| Observation { value: 4.0, ..*v }).collect();
+    let still: Vec<TimedValue> = values.iter().map(|v| TimedValue { value: 4.0, ..*v }).collect();
     assert_eq!(align(&still, &track, &RANGE), Err(LatencyError::Constant));
     let mut random = Random::new(9);
-    let other: Vec<Observation> = values.iter().map(|v| Observation { value: 50.0 * random.normal(), ..*v }).collect();
+    let other: Vec<TimedValue> = values.iter().map(|v| TimedValue { value: 50.0 * random.normal(), ..*v }).collect();
     assert!(matches!(align(&other, &track, &RANGE), Err(LatencyError::Unrelated { .. })));
     // An even sine equals its own negative half a period later.
     let even = |t: f64| (TAU * 1.3 * t).sin();
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * even(t)])).collect();
-    let seen: Vec<Observation> = (0..150)
+    let seen: Vec<TimedValue> = (0..150)
         .map(|i| 2.0 + 0.1 * f64::from(i))
-        .map(|t| Observation { time_s: t, value: 80.0 * even(t) + random.normal() })
+        .map(|t| TimedValue { time_s: t, value: 80.0 * even(t) + random.normal() })
         .collect();
-    let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
+    let found = align(&seen, &Spline::new(poses, 0.1).unwrap(), &RANGE);
     assert!(matches!(found, Err(LatencyError::Ambiguous { .. })), "{found:?}");
     // In a uniform motion lag and offset cannot be separated.
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * t])).collect();
-    let seen: Vec<Observation> = (0..150)
+    let seen: Vec<TimedValue> = (0..150)
         .map(|i| 2.0 + 0.1 * f64::from(i))
-        .map(|t| Observation { time_s: t, value: 80.0 * t + random.normal() })
+        .map(|t| TimedValue { time_s: t, value: 80.0 * t + random.normal() })
         .collect();
-    let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
+    let found = align(&seen, &Spline::new(poses, 0.1).unwrap(), &RANGE);
     assert!(
         matches!(
             found,

@@ -72,7 +72,7 @@ fn scan(way: Way, lag_s: f64, noise: f64, random: &mut Random) -> Slices {
             PoseSample { time_s, rotation, position_mm: position_mm + tremble }
         })
         .collect();
-    let poses = Poses::new(&samples).unwrap();
+    let poses = PoseSpline::new(&samples).unwrap();
     let is_data: Vec<bool> = (0..SIZE * SIZE).map(|at| at % SIZE >= 8 && at / SIZE < SIZE - 8).collect();
     let mut slices = Slices::new(SIZE, SIZE, &is_data, probe_from_image(), poses);
     for i in 0..150 {
@@ -165,7 +165,7 @@ fn reduced_pixel_is_centred_on_its_pixels() {
     let (width, height) = (600, 400);
     let by = reduction(width, height);
     assert_eq!(by, 4);
-    let poses = Poses::new(&[]).unwrap();
+    let poses = PoseSpline::new(&[]).unwrap();
     let mut slices = Slices::new(width, height, &vec![true; 240_000], DAffine3::IDENTITY, poses);
     let at = slices.probe_from_pixel.transform_point3(DVec3::new(1.0, 2.0, 0.0));
     assert_eq!(at, DVec3::new(5.5, 9.5, 0.0));

@@ -167,8 +167,8 @@ fn other_units_are_named() {
         let mut bench = Bench { unit, ..Bench::new(5, 0.02) };
         let (frames, poses) = (bench.frames(200), bench.poses(16.0));
         let known = FloorOptions { pixel_mm: Some(0.1), ..PLAIN };
-        let said = refused(&frames, &poses, &known).to_string();
-        assert!(said.contains(hint) && said.contains("the calibration has 0.1000 mm"), "{said}");
+        let message = refused(&frames, &poses, &known).to_string();
+        assert!(message.contains(hint) && message.contains("the calibration has 0.1000 mm"), "{message}");
         // Without a calibration the range of possible pixel sizes decides.
         if unit > 11.0 {
             assert!(matches!(refused(&frames, &poses, &PLAIN), LatencyError::Units { .. }), "{unit}");

@@ -8,10 +8,11 @@
 
 use glam::DVec2;
 
-use super::{BEYOND, IN_LINE_MM, Mark, Match, NEAR_MM, STEEPEST, Scale, Triple, best};
+use super::lines::Triple;
+use super::marks::{Mark, Match};
+use super::scale::{BEYOND, IN_LINE_MM, NEAR_MM, STEEPEST, Scale, best};
 use crate::probe::dots::Dot;
 use crate::probe::layout::{Layout, N};
-use crate::probe::plane::ImagePlane;
 
 /// Positions of the posts of one plane in the image: along a line, by mm across them.
 #[derive(Debug, Clone, Copy)]
@@ -114,20 +115,6 @@ impl Row {
 fn is_held(n: &N, share: f64) -> bool {
     let along = (share - n.ends[0]) / (n.ends[1] - n.ends[0]);
     (-BEYOND..=1.0 + BEYOND).contains(&along)
-}
-
-/// Returns a plane through the line of the dots for the usual pose of a probe: straight down on
-/// the N's, with square pixels. Only that line is taken from the open plane.
-pub(super) fn plane(open: &ImagePlane, marks: &[Mark], along: glam::DVec3) -> Option<ImagePlane> {
-    let first = marks.first()?.at_px;
-    let far = |a: &&Mark, b: &&Mark| a.at_px.distance(first).total_cmp(&b.at_px.distance(first));
-    let line_px = (marks.iter().max_by(far)?.at_px - first).try_normalize()?;
-    let way = open.u * line_px.x + open.v * line_px.y;
-    let pixel_mm = way.length();
-    let (way, down) = (way.try_normalize()?, way.cross(along).try_normalize()?);
-    let u = pixel_mm * (line_px.x * way - line_px.y * down);
-    let v = pixel_mm * (line_px.y * way + line_px.x * down);
-    Some(ImagePlane { u, v, origin: open.point(first) - u * first.x - v * first.y })
 }
 
 #[cfg(test)]

@@ -2,19 +2,19 @@ use super::*;
 use crate::noise::Noise;
 use crate::phantom::file::Registration;
 use crate::probe::linear::start;
-use crate::probe::refine::{Sought, refine};
+use crate::probe::refine::{OptionalUnknowns, refine};
 use crate::probe::sighting::Sighting;
 use crate::probe::simulated::{Hand, Imperfect, SIZE_PX, Scan, places};
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.2, turn_deg: 0.1, dot_px: 1.0, lag_s: 0.0 };
 
-const ALL: Sought = Sought { skew: false, registration: true, lag: true };
+const ALL: OptionalUnknowns = OptionalUnknowns { skew: false, registration: true, lag: true };
 
-fn found(scan: &Scan, sought: Sought) -> Refined {
+fn found(scan: &Scan, optional: OptionalUnknowns) -> Refined {
     let registration = Registration::new(scan.reference_from_phantom, Some(0.4)).unwrap();
     let map = |s: &Sighting| s.probe_from_phantom(&scan.track, 0.0, &registration.reference_from_phantom);
-    let begun = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
-    refine(&scan.layout, &scan.sightings, &scan.track, &registration, &begun, sought).unwrap()
+    let initial = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
+    refine(&scan.layout, &scan.sightings, &scan.track, &registration, &initial, optional).unwrap()
 }
 
 fn seen(scan: &Scan, refined: &Refined) -> Vec<Seen> {
@@ -74,9 +74,9 @@ fn predicted_error_is_reached() {
             sum[1] += with / next.now_mm;
         }
     }
-    let [best, between, held] = sums.map(|[foreseen, came]| {
-        assert!((came / foreseen - 1.0).abs() < 0.1, "{foreseen} {came} of {seeds}");
-        came / seeds as f64
+    let [best, between, held] = sums.map(|[foreseen, found]| {
+        assert!((found / foreseen - 1.0).abs() < 0.1, "{foreseen} {found} of {seeds}");
+        found / seeds as f64
     });
     assert!(best < 0.93 * between && between < 0.98 * held && held < 1.0, "{best} {between} {held}");
 }
@@ -84,7 +84,7 @@ fn predicted_error_is_reached() {
 /// The largest of the true errors, over many scans.
 #[test]
 fn true_error_shrinks_as_predicted() {
-    let only = Sought { registration: false, lag: false, ..ALL };
+    let only = OptionalUnknowns { registration: false, lag: false, ..ALL };
     let (mut before, mut after, mut foreseen) = ([0.0; 5], [0.0; 5], 0.0);
     let seeds = 60;
     for seed in 0..seeds {
@@ -146,9 +146,9 @@ fn motions_match_their_descriptions() {
     assert!(goes(Way::AlongV, top).distance(DVec3::NEG_Z * 15.0) < 1e-12);
     assert!(goes(Way::Across, top).distance(DVec3::Y * 15.0) < 1e-12);
     assert_eq!(Way::Held.motion(0.0, &picture, about), DAffine3::IDENTITY);
-    let said = |way, by| {
+    let text = |way, by| {
         Candidate { way, by, after_mm: 0.0, phantom_from_probe: Transform::from_affine(DAffine3::IDENTITY) }.to_string()
     };
-    assert_eq!(said(Way::Tilt, 15.0), "tilt the probe about the image's u axis by +15° (its top towards you)");
-    assert_eq!(said(Way::AlongV, -10.0), "shift the probe by -10 mm along the image's v (away from the phantom)");
+    assert_eq!(text(Way::Tilt, 15.0), "tilt the probe about the image's u axis by +15° (its top towards you)");
+    assert_eq!(text(Way::AlongV, -10.0), "shift the probe by -10 mm along the image's v (away from the phantom)");
 }

@@ -8,7 +8,6 @@ use crate::least_squares::{Blocks, Parameters, Rotation, Side, State, Vector, Wh
 use crate::phantom::file::Registration;
 use crate::probe::layout::Layout;
 use crate::probe::plane::ImagePlane;
-use crate::probe::refine::Sought;
 use crate::probe::scatter::Scattered;
 use crate::probe::sighting::{Sighting, off_wire};
 use crate::probe::track::Track;
@@ -22,6 +21,18 @@ pub(super) const USUAL_LAG_S: f64 = 0.5;
 const USUAL_ERROR_MM: f64 = 0.5;
 /// Number of columns of all parameters.
 const COLUMNS: usize = 16;
+
+/// Optional unknowns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OptionalUnknowns {
+    /// Fit the skew of u and v.
+    pub skew: bool,
+    /// Fit the registration's error, within its stated uncertainty.
+    pub registration: bool,
+    /// Fit the lag of poses behind images. Without times, or with the probe held still for
+    /// every image, it is undetermined.
+    pub lag: bool,
+}
 
 /// The parameters.
 #[derive(Debug, Clone, Copy)]
@@ -70,11 +81,11 @@ impl<'a> Problem<'a> {
         track: &'a Track,
         registration: &Registration,
         start: &ImagePlane,
-        sought: Sought,
+        optional: OptionalUnknowns,
     ) -> (Self, Parameters) {
         let marks: Vec<DVec2> = sightings.iter().flat_map(|s| s.marks.iter().map(|mark| mark.at_px)).collect();
         let mut parameters = Parameters::new();
-        let plane = UnknownPlane::new(&mut parameters, start, &marks, sought.skew);
+        let plane = UnknownPlane::new(&mut parameters, start, &marks, optional.skew);
         let lever_mm = plane.lever_mm();
         let unknown = Unknown {
             plane,
@@ -82,10 +93,10 @@ impl<'a> Problem<'a> {
             phantom_shift: parameters.point("the phantom's place", 1.0, DVec3::ZERO),
             lag: parameters.vector("the lag", [""], "s", 0.1, [0.0]),
         };
-        if !sought.lag {
+        if !optional.lag {
             parameters.hold(unknown.lag);
         }
-        if !sought.registration {
+        if !optional.registration {
             parameters.hold(unknown.phantom_turn);
             parameters.hold(unknown.phantom_shift);
         }

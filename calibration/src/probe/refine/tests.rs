@@ -4,18 +4,19 @@ use super::*;
 use crate::least_squares::check_jacobian;
 use crate::noise::{self, mahalanobis};
 use crate::probe::linear::start;
+use crate::probe::plane::ImagePlane;
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan, places};
 
-const PLANE: Sought = Sought { skew: false, registration: false, lag: false };
+const PLANE: OptionalUnknowns = OptionalUnknowns { skew: false, registration: false, lag: false };
 
 fn registration(scan: &Scan, error_mm: f64) -> Registration {
     Registration::new(scan.reference_from_phantom, Some(error_mm)).unwrap()
 }
 
-fn found(scan: &Scan, registration: &Registration, sought: Sought) -> Refined {
+fn found(scan: &Scan, registration: &Registration, optional: OptionalUnknowns) -> Refined {
     let map = |s: &Sighting| s.probe_from_phantom(&scan.track, 0.0, &registration.reference_from_phantom);
-    let begun = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
-    refine(&scan.layout, &scan.sightings, &scan.track, registration, &begun, sought).unwrap()
+    let initial = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
+    refine(&scan.layout, &scan.sightings, &scan.track, registration, &initial, optional).unwrap()
 }
 
 /// Returns the largest distance at the corners and the centre, mm, and the angle between the
@@ -34,7 +35,7 @@ fn derivatives_match_finite_differences() {
         Imperfect { dot_px: 3.0, position_mm: 1.0, turn_deg: 1.0, lag_s: 0.05 },
         &mut noise::Noise::new(3),
     );
-    let all = Sought { skew: true, registration: true, lag: true };
+    let all = OptionalUnknowns { skew: true, registration: true, lag: true };
     let (problem, parameters) =
         Problem::new(&scan.layout, &scan.sightings, &scan.track, &registration(&scan, 0.4), &scan.plane, all);
     let used: Vec<Vec<bool>> = scan.sightings.iter().map(|s| vec![true; s.marks.len()]).collect();
@@ -60,10 +61,10 @@ fn derivatives_match_finite_differences() {
 #[test]
 fn exact_dots_give_exact_plane() {
     let scan = Scan::new(40, Imperfect::default(), &mut noise::Noise::new(1));
-    for sought in [PLANE, Sought { registration: true, lag: true, skew: true }] {
-        let refined = found(&scan, &registration(&scan, 0.4), sought);
+    for optional in [PLANE, OptionalUnknowns { registration: true, lag: true, skew: true }] {
+        let refined = found(&scan, &registration(&scan, 0.4), optional);
         let (far, turn) = apart(&refined.plane, &scan.plane);
-        assert!(far < 1e-6 && turn.to_radians() < 1e-6, "{far} {turn} {sought:?}");
+        assert!(far < 1e-6 && turn.to_radians() < 1e-6, "{far} {turn} {optional:?}");
         assert!(refined.used.iter().flatten().all(|used| *used));
     }
 }
@@ -112,7 +113,7 @@ fn lag_and_registration_error_are_fitted() {
     let scan = Scan::new(200, imperfect, &mut noise::Noise::new(5));
     let off = DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.01), DVec3::new(0.1, -0.2, 0.15));
     let given = Registration::new(scan.reference_from_phantom * Transform::from_affine(off), Some(0.5)).unwrap();
-    let refined = found(&scan, &given, Sought { registration: true, lag: true, skew: false });
+    let refined = found(&scan, &given, OptionalUnknowns { registration: true, lag: true, skew: false });
     assert!((refined.lag_s - 0.3).abs() < 0.003 && refined.lag_sd_s < 0.002, "{} {}", refined.lag_s, refined.lag_sd_s);
     let (far, _) = apart(&refined.plane, &scan.plane);
     let without = found(&scan, &given, PLANE);

@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec2};
 
-use super::glimpse::{Glimpse, Seen};
+use super::detection::{Detection, Seen};
 use super::refine::{Refined, refine};
-use super::{Place, Target, held, motion, planes, points};
+use super::{Place, Target, motion, planes, points, validation};
 use crate::error::{CalibrationError, ProbeError, Units};
 use crate::least_squares::Direction;
 use crate::probe::calibrate::{LEAST_PICTURES, Outcome, lattice, moved};
@@ -63,74 +63,75 @@ pub fn calibrate(
     recording: Recording<'_, Seen>,
     validation: Option<Recording<'_, Seen>>,
 ) -> Result<Calibration, CalibrationError> {
-    let (mut glimpses, track) = observed(target, recording)?;
-    let refined = fit(target, &mut glimpses, &track, recording)?;
+    let (mut detections, track) = observed(target, recording)?;
+    let refined = fit(target, &mut detections, &track, recording)?;
     let (mut validated, mut split) = (None, false);
     if let Some(validation) = validation {
-        let (mut glimpses, track) = observed(target, validation)?;
+        let (mut detections, track) = observed(target, validation)?;
         let known = matches!(target, Target::Tip { .. }).then_some(refined.place);
-        validated = held::errors(&refined, &mut glimpses, &track, known);
-    } else if let Some((first, rest)) = glimpses.split_at_checked(2 * glimpses.len() / 3)
+        validated = validation::errors(&refined, &mut detections, &track, known);
+    } else if let Some((first, rest)) = detections.split_at_checked(2 * detections.len() / 3)
         && let (mut first, mut rest) = (first.to_vec(), rest.to_vec())
         && let Ok(of_first) = fit(target, &mut first, &track, recording)
     {
         // Neighbouring images are alike, so a contiguous stretch is held out and not every
         // third image.
         split = true;
-        validated = held::errors(&of_first, &mut rest, &track, Some(of_first.place));
+        validated = validation::errors(&of_first, &mut rest, &track, Some(of_first.place));
     }
-    let pictures = pictures(recording, &glimpses, &track, &refined);
+    let pictures = pictures(recording, &detections, &track, &refined);
     let used = |picture: &&Picture| picture.outcome == Outcome::Used;
     let errors = Errors::of(pictures.iter().filter(used).map(|picture| (picture.frame, picture.off_mm.clone())))
-        .ok_or(ProbeError::Disagree { agreeing: 0, pictures: glimpses.len() })?;
+        .ok_or(ProbeError::Disagree { agreeing: 0, pictures: detections.len() })?;
     Ok(Calibration { refined, size_px: recording.size_px, pictures, errors, validation: validated, split })
 }
 
 /// Returns the images that show the target and have poses, if the probe moved.
-fn observed(target: Target, recording: Recording<'_, Seen>) -> Result<(Vec<Glimpse>, Track), ProbeError> {
+fn observed(target: Target, recording: Recording<'_, Seen>) -> Result<(Vec<Detection>, Track), ProbeError> {
     let pictures = recording.observations.len();
     if recording.observations.iter().all(|observation| observation.poses.is_none()) {
         return Err(ProbeError::NoPoses { pictures });
     }
     let is_plane = target == Target::Plane;
-    let glimpses = recording.glimpses(is_plane);
-    if glimpses.len() < LEAST_PICTURES {
-        return Err(ProbeError::Unseen { line: is_plane, seen: glimpses.len(), pictures, least: LEAST_PICTURES });
+    let detections = recording.detections(is_plane);
+    if detections.len() < LEAST_PICTURES {
+        return Err(ProbeError::Unseen { line: is_plane, seen: detections.len(), pictures, least: LEAST_PICTURES });
     }
     let track = recording.poses();
-    let maps: Vec<DAffine3> = glimpses.iter().filter_map(|glimpse| glimpse.reference_from_probe(&track, 0.0)).collect();
+    let maps: Vec<DAffine3> =
+        detections.iter().filter_map(|detection| detection.reference_from_probe(&track, 0.0)).collect();
     moved(&maps)?;
-    Ok((glimpses, track))
+    Ok((detections, track))
 }
 
-/// Fits the plane and the target to the glimpses, each of which selects its spot of the target.
+/// Fits the plane and the target to the detections, each of which selects its spot of the target.
 fn fit(
     target: Target,
-    glimpses: &mut [Glimpse],
+    detections: &mut [Detection],
     track: &Track,
     recording: Recording<'_, Seen>,
 ) -> Result<Refined, ProbeError> {
     let Recording { size_px, timed, .. } = recording;
-    let map = |glimpse: &Glimpse| glimpse.reference_from_probe(track, 0.0);
-    let turns: Vec<DMat3> = glimpses.iter().filter_map(map).map(|map| map.matrix3).collect();
+    let map = |detection: &Detection| detection.reference_from_probe(track, 0.0);
+    let turns: Vec<DMat3> = detections.iter().filter_map(map).map(|map| map.matrix3).collect();
     let refined = if target == Target::Plane {
-        motion::turned_over_plane(&turns, glimpses)?;
-        let refined = planes::find(glimpses, track, size_px, timed).ok_or(ProbeError::Open)??;
+        motion::turned_over_plane(&turns, detections)?;
+        let refined = planes::find(detections, track, size_px, timed).ok_or(ProbeError::Open)??;
         if let Place::Plane { normal, .. } = refined.place {
             motion::saw_plane(&turns, &refined.plane, normal)?;
         }
         refined
     } else {
-        let begun = points::start(target, glimpses, track, size_px, timed).ok_or(ProbeError::Open)?;
-        motion::spread(glimpses, &begun.agrees, size_px)?;
+        let initial = points::start(target, detections, track, size_px, timed).ok_or(ProbeError::Open)?;
+        motion::spread(detections, &initial.agrees, size_px)?;
         if target == Target::Point {
-            motion::turned_about_point(&turns, &begun.plane)?;
+            motion::turned_about_point(&turns, &initial.plane)?;
         }
-        refine(target, glimpses, track, begun, timed)?
+        refine(target, detections, track, initial, timed)?
     };
     let agreeing = refined.used.iter().filter(|used| **used).count();
-    if agreeing < LEAST_PICTURES || (agreeing as f64) < AGREEING * glimpses.len() as f64 {
-        return Err(ProbeError::Disagree { agreeing, pictures: glimpses.len() });
+    if agreeing < LEAST_PICTURES || (agreeing as f64) < AGREEING * detections.len() as f64 {
+        return Err(ProbeError::Disagree { agreeing, pictures: detections.len() });
     }
     let pixel_mm = refined.plane.pixel_mm();
     let possible = |factor: f64| pixel_mm.iter().all(|mm| (PIXELS_MM[0]..=PIXELS_MM[1]).contains(&(mm * factor)));
@@ -149,24 +150,29 @@ fn fit(
 }
 
 /// Returns the outcomes of all images.
-fn pictures(recording: Recording<'_, Seen>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
-    let mut of_glimpses = glimpses.iter().zip(&refined.used).peekable();
+fn pictures(
+    recording: Recording<'_, Seen>,
+    detections: &[Detection],
+    track: &Track,
+    refined: &Refined,
+) -> Vec<Picture> {
+    let mut of_detections = detections.iter().zip(&refined.used).peekable();
     let picture = |observation: &Observation<Seen>| {
         let frame = observation.frame;
-        let Some((glimpse, used)) = of_glimpses.next_if(|(glimpse, _)| glimpse.frame == frame) else {
+        let Some((detection, used)) = of_detections.next_if(|(detection, _)| detection.frame == frame) else {
             let posed = observation.poses.is_some() || observation.seen == Seen::Nothing;
             let outcome = if posed { Outcome::Unseen } else { Outcome::NoPose };
             return Picture { frame, outcome, seen_px: Vec::new(), expected_px: Vec::new(), off_mm: Vec::new() };
         };
-        let seen_px = glimpse.marks.clone();
-        let Some(map) = glimpse.reference_from_probe(track, refined.lag_s) else {
+        let seen_px = detection.marks.clone();
+        let Some(map) = detection.reference_from_probe(track, refined.lag_s) else {
             let (expected_px, off_mm) = (Vec::new(), Vec::new());
             return Picture { frame, outcome: Outcome::NoPoseAtLag, seen_px, expected_px, off_mm };
         };
         let off = |px: &DVec2| refined.place.off_mm(map.transform_point3(refined.plane.point(*px)));
-        let off_mm = glimpse.marks.iter().map(off).collect();
+        let off_mm = detection.marks.iter().map(off).collect();
         let seen_by = refined.plane.seen_by(&map);
-        let expected_px = glimpse.marks.iter().map(|px| refined.place.in_picture(&seen_by, *px)).collect();
+        let expected_px = detection.marks.iter().map(|px| refined.place.in_picture(&seen_by, *px)).collect();
         let outcome = if *used { Outcome::Used } else { Outcome::Contradicted };
         Picture { frame, outcome, seen_px, expected_px, off_mm }
     };

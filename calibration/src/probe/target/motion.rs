@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::glimpse::Glimpse;
+use super::detection::Detection;
 use crate::error::{Axis, ProbeError};
 use crate::pivot::Turning;
 use crate::probe::plane::ImagePlane;
@@ -51,16 +51,16 @@ pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<
 ///
 /// # Errors
 /// [`ProbeError::NoTurn`] names the missing axes.
-pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result<(), ProbeError> {
+pub(super) fn turned_over_plane(turns: &[DMat3], detections: &[Detection]) -> Result<(), ProbeError> {
     let turning = turning(turns);
     if turning.deg[1] < LEAST_TURN_DEG {
         return refused(vec![Axis::U, Axis::Normal], turning.deg[2]);
     }
-    let angle = |glimpse: &Glimpse| {
-        let along = glimpse.marks[1] - glimpse.marks[0];
+    let angle = |detection: &Detection| {
+        let along = detection.marks[1] - detection.marks[0];
         along.y.atan2(along.x).to_degrees()
     };
-    let angles = Spread::of(glimpses.iter().map(angle));
+    let angles = Spread::of(detections.iter().map(angle));
     if angles.sd < LEAST_TURN_DEG {
         return refused(vec![Axis::Normal], angles.sd);
     }
@@ -109,9 +109,13 @@ fn weakest(seen: &[DVec3]) -> (f64, DVec3) {
 ///
 /// # Errors
 /// [`ProbeError::OnePlace`] if the dots are not spread enough.
-pub(super) fn spread(glimpses: &[Glimpse], used: &[bool], size_px: [u32; 2]) -> Result<(), ProbeError> {
-    let seen: Vec<DVec2> =
-        glimpses.iter().zip(used).filter(|(_, used)| **used).flat_map(|(glimpse, _)| glimpse.marks.clone()).collect();
+pub(super) fn spread(detections: &[Detection], used: &[bool], size_px: [u32; 2]) -> Result<(), ProbeError> {
+    let seen: Vec<DVec2> = detections
+        .iter()
+        .zip(used)
+        .filter(|(_, used)| **used)
+        .flat_map(|(detection, _)| detection.marks.clone())
+        .collect();
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().sum::<DVec2>() / n;
     let sum = |of: fn(DVec2) -> f64| seen.iter().map(|px| of(*px - mean)).sum::<f64>() / n;
@@ -151,11 +155,11 @@ mod tests {
     }
 
     /// Returns lines of a floor below the image, from rotations of its normal.
-    fn lines(turns: &[DMat3]) -> Vec<Glimpse> {
+    fn lines(turns: &[DMat3]) -> Vec<Detection> {
         let line = |turn: &DMat3| {
             let floor = turn.transpose() * turns[0] * DVec3::Y;
             let along = DVec2::new(floor.y, -floor.x) * 100.0;
-            Glimpse { frame: 0, time_s: 0.0, candidates: Vec::new(), marks: vec![DVec2::ZERO, along] }
+            Detection { frame: 0, time_s: 0.0, candidates: Vec::new(), marks: vec![DVec2::ZERO, along] }
         };
         turns.iter().map(line).collect()
     }
@@ -185,14 +189,14 @@ mod tests {
 
     #[test]
     fn dots_in_one_place_or_line_are_refused() {
-        let glimpse = |at: DVec2| Glimpse { frame: 0, time_s: 0.0, candidates: vec![at], marks: vec![at] };
+        let detection = |at: DVec2| Detection { frame: 0, time_s: 0.0, candidates: vec![at], marks: vec![at] };
         let seen = |across: f64, along: f64| {
             let at = |i: u32| {
                 DVec2::new(400.0, 300.0)
                     + DVec2::new(1.0, 1.0) * (along * f64::from(i % 5))
                     + DVec2::new(1.0, -1.0) * (across * f64::from(i % 7))
             };
-            let all: Vec<Glimpse> = (0..70).map(at).map(glimpse).collect();
+            let all: Vec<Detection> = (0..70).map(at).map(detection).collect();
             spread(&all, &[true; 70], [820, 616])
         };
         assert!(matches!(seen(1.0, 1.0), Err(ProbeError::OnePlace { line: false, .. })));

@@ -13,8 +13,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::glimpse::Glimpse;
-use super::refine::{Begun, Refined, refine};
+use super::detection::Detection;
+use super::refine::{Refined, Start, refine};
 use super::{Place, Target};
 use crate::least_squares::{Loss, Unsolved};
 use crate::probe::plane::{ImagePlane, Unit, solve};
@@ -59,19 +59,19 @@ struct Tried {
 /// # Errors
 /// [`Unsolved`] for the best one, if none can be refined; `None` if there is no start at all.
 pub(super) fn find(
-    glimpses: &[Glimpse],
+    detections: &[Detection],
     track: &Track,
     size_px: [u32; 2],
     lag: bool,
 ) -> Option<Result<Refined, Unsolved>> {
     let maps = |lag_s: f64| -> Vec<Option<DAffine3>> {
-        glimpses.iter().map(|glimpse| glimpse.reference_from_probe(track, lag_s)).collect()
+        detections.iter().map(|detection| detection.reference_from_probe(track, lag_s)).collect()
     };
     let mut nearby: Vec<(f64, DVec3, f64)> = Vec::new();
     for &lag_s in if lag { &LAGS_S[..] } else { &LAGS_S[..1] } {
         let maps = maps(lag_s);
         let tried: Vec<Tried> =
-            normals().filter_map(|normal| Tried::of((normal, lag_s), glimpses, &maps, size_px)).collect();
+            normals().filter_map(|normal| Tried::of((normal, lag_s), detections, &maps, size_px)).collect();
         let is_best_near = |one: &&Tried| {
             let near = tried.iter().filter(|other| one.normal.dot(other.normal).abs() > NEAR_RAD.cos());
             near.map(|other| other.off_px).fold(f64::INFINITY, f64::min) >= one.off_px
@@ -79,7 +79,7 @@ pub(super) fn find(
         nearby.extend(tried.iter().filter(is_best_near).map(|one| (one.off_px, one.normal, lag_s)));
     }
     nearby.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let follow = |normal: DVec3, lag_s: f64| Tried::of((normal, lag_s), glimpses, &maps(lag_s), size_px);
+    let follow = |normal: DVec3, lag_s: f64| Tried::of((normal, lag_s), detections, &maps(lag_s), size_px);
     let mut best: Vec<Tried> = (nearby.into_iter().take(FOLLOWED))
         .filter_map(|(_, normal, lag_s)| follow(normal, lag_s)?.followed(lag, follow))
         .collect();
@@ -88,12 +88,12 @@ pub(super) fn find(
     best.retain(|one| one.off_px <= least);
     let refined = best.into_iter().map(|one| {
         let place = Place::Plane { normal: one.normal, distance_mm: one.distance_mm };
-        let begun = Begun { plane: one.plane, place, lag_s: one.lag_s, agrees: one.agrees };
-        refine(Target::Plane, glimpses, track, begun, lag)
+        let initial = Start { plane: one.plane, place, lag_s: one.lag_s, agrees: one.agrees };
+        refine(Target::Plane, detections, track, initial, lag)
     });
     let mut found: Option<(f64, Result<Refined, Unsolved>)> = None;
     for refined in refined {
-        let off_px = refined.as_ref().map_or(f64::INFINITY, |refined| off_px(refined, glimpses, track));
+        let off_px = refined.as_ref().map_or(f64::INFINITY, |refined| off_px(refined, detections, track));
         if found.as_ref().is_none_or(|(least, _)| off_px < *least) {
             found = Some((off_px, refined));
         }
@@ -116,16 +116,16 @@ impl Tried {
     /// Solves for the rest with a given normal. `None` if the lines leave it open.
     fn of(
         (normal, lag_s): (DVec3, f64),
-        glimpses: &[Glimpse],
+        detections: &[Detection],
         maps: &[Option<DAffine3>],
         size_px: [u32; 2],
     ) -> Option<Self> {
         let unit = Unit::of(size_px);
-        let rows: Vec<(DVec2, DVec3, f64)> = (glimpses.iter().zip(maps))
-            .filter_map(|(glimpse, map)| Some((glimpse, (*map)?)))
-            .flat_map(|(glimpse, map)| {
+        let rows: Vec<(DVec2, DVec3, f64)> = (detections.iter().zip(maps))
+            .filter_map(|(detection, map)| Some((detection, (*map)?)))
+            .flat_map(|(detection, map)| {
                 let seen = map.matrix3.transpose() * normal;
-                glimpse.marks.iter().map(move |px| (*px, seen, normal.dot(map.translation)))
+                detection.marks.iter().map(move |px| (*px, seen, normal.dot(map.translation)))
             })
             .collect();
         let mut weights = vec![1.0; rows.len()];
@@ -155,9 +155,9 @@ impl Tried {
             let middle = median(&mut off_px.clone());
             // The median distance of a normal distribution is 0.6745 standard deviations.
             let spread = (middle / 0.6745).max(LEAST_SPREAD_PX);
-            let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
+            let loss = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
             for (weight, (off, (_, seen, _))) in weights.iter_mut().zip(off_px.iter().zip(&rows)) {
-                *weight = law.weight(off / spread) / steepness(&plane, *seen).powi(2);
+                *weight = loss.weight(off / spread) / steepness(&plane, *seen).powi(2);
             }
             let agrees = |spots: &[f64]| spots.iter().all(|off| Loss::Tukey.of(1).weight(off / spread) > 0.0);
             let mut two = off_px.chunks_exact(2);
@@ -196,13 +196,13 @@ fn steepness(plane: &ImagePlane, seen: DVec3) -> f64 {
 
 /// Returns the median distance of lines from their predicted positions, pixels, including
 /// unused lines.
-fn off_px(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> f64 {
+fn off_px(refined: &Refined, detections: &[Detection], track: &Track) -> f64 {
     let Place::Plane { normal, .. } = refined.place else { return f64::INFINITY };
-    let of_glimpse = |glimpse: &Glimpse| {
-        let map = glimpse.reference_from_probe(track, refined.lag_s)?;
+    let of_detection = |detection: &Detection| {
+        let map = detection.reference_from_probe(track, refined.lag_s)?;
         let pixel_mm = steepness(&refined.plane, map.matrix3.transpose() * normal);
         let off = |px: &DVec2| refined.place.off_mm(map.transform_point3(refined.plane.point(*px))) / pixel_mm;
-        Some(glimpse.marks.iter().map(off).fold(0.0, f64::max))
+        Some(detection.marks.iter().map(off).fold(0.0, f64::max))
     };
-    median(&mut glimpses.iter().filter_map(of_glimpse).collect::<Vec<_>>())
+    median(&mut detections.iter().filter_map(of_detection).collect::<Vec<_>>())
 }

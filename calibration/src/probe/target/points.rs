@@ -11,8 +11,8 @@
 
 use glam::{DAffine3, DVec2, DVec3};
 
-use super::glimpse::Glimpse;
-use super::refine::Begun;
+use super::detection::Detection;
+use super::refine::Start;
 use super::{Place, Target};
 use crate::least_squares::Loss;
 use crate::least_squares::loss::spread;
@@ -42,49 +42,49 @@ const ANYWHERE_MM: f64 = 1000.0;
 /// Lags to try, if there are times, s: between two of them the probe moves by some mm.
 const LAGS_S: [f64; 9] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.4, -0.4];
 
-/// Computes a start, and selects each glimpse's spot. `None` if the dots leave the plane open.
+/// Computes a start, and selects each detection's spot. `None` if the dots leave the plane open.
 pub(super) fn start(
     target: Target,
-    glimpses: &mut [Glimpse],
+    detections: &mut [Detection],
     track: &Track,
     size_px: [u32; 2],
     lag: bool,
-) -> Option<Begun> {
+) -> Option<Start> {
     let lags = if lag { &LAGS_S[..] } else { &LAGS_S[..1] };
     let mut best: Option<(f64, f64)> = None;
     for &lag_s in lags {
-        let sums = Sums::new(target, glimpses, track, lag_s, size_px);
-        let Some((score, ..)) = sums.guessed(glimpses) else { continue };
+        let sums = Sums::new(target, detections, track, lag_s, size_px);
+        let Some((score, ..)) = sums.guessed(detections) else { continue };
         if best.is_none_or(|(least, _)| score < least) {
             best = Some((score, lag_s));
         }
     }
     let (_, lag_s) = best?;
-    let sums = Sums::new(target, glimpses, track, lag_s, size_px);
-    let agreed = sums.agreeing(glimpses)?;
+    let sums = Sums::new(target, detections, track, lag_s, size_px);
+    let agreed = sums.agreeing(detections)?;
     let (mut weights, mut found) = (agreed.clone(), None);
     for round in 0..2 * ROUNDS {
-        let (plane, point) = sums.solved(sums.posed.iter().map(|&i| (i, glimpses[i].marks[0], weights[i])))?;
-        let mut off = vec![0.0; glimpses.len()];
+        let (plane, point) = sums.solved(sums.posed.iter().map(|&i| (i, detections[i].marks[0], weights[i])))?;
+        let mut off = vec![0.0; detections.len()];
         for &i in &sums.posed {
-            glimpses[i].choose(|px| sums.off_mm(i, px, &plane, point));
-            off[i] = sums.off_mm(i, glimpses[i].marks[0], &plane, point);
+            detections[i].choose(|px| sums.off_mm(i, px, &plane, point));
+            off[i] = sums.off_mm(i, detections[i].marks[0], &plane, point);
         }
-        // The first rounds use the glimpses that agree with most others; the later rounds use
+        // The first rounds use the detections that agree with most others; the later rounds use
         // all.
-        let is_heard = |&i: &usize| round >= ROUNDS || agreed[i] > 0.0;
-        let heard: Vec<usize> = sums.posed.iter().copied().filter(is_heard).collect();
-        let spread_mm = spread(&heard.iter().map(|&i| (3, off[i])).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
-        let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(3);
+        let is_used = |&i: &usize| round >= ROUNDS || agreed[i] > 0.0;
+        let used: Vec<usize> = sums.posed.iter().copied().filter(is_used).collect();
+        let spread_mm = spread(&used.iter().map(|&i| (3, off[i])).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
+        let loss = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(3);
         weights.fill(0.0);
-        heard.iter().for_each(|&i| weights[i] = law.weight(off[i] / spread_mm));
+        used.iter().for_each(|&i| weights[i] = loss.weight(off[i] / spread_mm));
         let agrees = weights.iter().map(|weight| *weight > 0.0).collect();
-        found = Some(Begun { plane, place: Place::Point(point), lag_s, agrees });
+        found = Some(Start { plane, place: Place::Point(point), lag_s, agrees });
     }
     found
 }
 
-/// Returns a random sample of the glimpses without repetition, reproducible for each guess
+/// Returns a random sample of the detections without repetition, reproducible for each guess
 /// (Steele, Lea & Flood's SplitMix64).
 fn sample(posed: &[usize], guess: u64) -> [usize; PICTURES] {
     let mut bits = guess.wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -106,9 +106,9 @@ fn sample(posed: &[usize], guess: u64) -> [usize; PICTURES] {
 
 /// The equations of all images.
 struct Sums {
-    /// Maps from the probe to the reference, by glimpse.
+    /// Maps from the probe to the reference, by detection.
     maps: Vec<Option<DAffine3>>,
-    /// Indices of the glimpses with a map.
+    /// Indices of the detections with a map.
     posed: Vec<usize>,
     unit: Unit,
     /// Prior position of the point, mm, and its standard deviation.
@@ -117,9 +117,9 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(target: Target, glimpses: &[Glimpse], track: &Track, lag_s: f64, size_px: [u32; 2]) -> Self {
+    fn new(target: Target, detections: &[Detection], track: &Track, lag_s: f64, size_px: [u32; 2]) -> Self {
         let maps: Vec<Option<DAffine3>> =
-            glimpses.iter().map(|glimpse| glimpse.reference_from_probe(track, lag_s)).collect();
+            detections.iter().map(|detection| detection.reference_from_probe(track, lag_s)).collect();
         let posed: Vec<usize> = (0..maps.len()).filter(|&i| maps[i].is_some()).collect();
         let middle = maps.iter().flatten().map(|map| map.translation).sum::<DVec3>() / posed.len().max(1) as f64;
         let (about, sd_mm) = match target {
@@ -129,19 +129,19 @@ impl Sums {
         Self { maps, posed, unit: Unit::of(size_px), about, sd_mm }
     }
 
-    /// Returns the guess that most glimpses agree with, by any of their spots: the median
+    /// Returns the guess that most detections agree with, by any of their spots: the median
     /// error, mm, the plane and the point.
-    fn guessed(&self, glimpses: &[Glimpse]) -> Option<(f64, ImagePlane, DVec3)> {
+    fn guessed(&self, detections: &[Detection]) -> Option<(f64, ImagePlane, DVec3)> {
         if self.posed.len() < PICTURES {
             return None;
         }
         let mut best: Option<(f64, ImagePlane, DVec3)> = None;
         for guess in 0..GUESSES {
             let taken = sample(&self.posed, guess);
-            let brightest = taken.iter().map(|&i| (i, glimpses[i].candidates[0], 1.0));
+            let brightest = taken.iter().map(|&i| (i, detections[i].candidates[0], 1.0));
             let Some((plane, point)) = self.solved(brightest) else { continue };
             let nearest = |&i: &usize| {
-                let spots = glimpses[i].candidates.iter().take(SPOTS);
+                let spots = detections[i].candidates.iter().take(SPOTS);
                 spots.map(|px| self.off_mm(i, *px, &plane, point)).fold(f64::INFINITY, f64::min)
             };
             let score = median(&mut self.posed.iter().map(nearest).collect::<Vec<_>>());
@@ -152,14 +152,14 @@ impl Sums {
         best
     }
 
-    /// Returns weights of 1 or 0 for agreement with most glimpses, and selects each glimpse's
+    /// Returns weights of 1 or 0 for agreement with most detections, and selects each detection's
     /// best spot.
-    fn agreeing(&self, glimpses: &mut [Glimpse]) -> Option<Vec<f64>> {
-        let (score, plane, point) = self.guessed(glimpses)?;
-        let mut weights = vec![0.0; glimpses.len()];
+    fn agreeing(&self, detections: &mut [Detection]) -> Option<Vec<f64>> {
+        let (score, plane, point) = self.guessed(detections)?;
+        let mut weights = vec![0.0; detections.len()];
         for &i in &self.posed {
-            glimpses[i].choose(|px| self.off_mm(i, px, &plane, point));
-            let off = self.off_mm(i, glimpses[i].marks[0], &plane, point);
+            detections[i].choose(|px| self.off_mm(i, px, &plane, point));
+            let off = self.off_mm(i, detections[i].marks[0], &plane, point);
             weights[i] = f64::from(u8::from(off <= AGREES * score.max(LEAST_SPREAD_MM)));
         }
         Some(weights)

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 
 use sonoweave_core::frames::{Image, Probe, Transform};
 
-use super::glimpse::Glimpse;
+use super::detection::Detection;
 use super::{Place, Target};
 use crate::least_squares::loss::as_rare;
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve};
@@ -74,7 +74,7 @@ pub struct Refined {
     pub lag_s: f64,
     /// Its standard error; 0 if it was not fitted.
     pub lag_se_s: f64,
-    /// For each glimpse, whether the fit used it.
+    /// For each detection, whether the fit used it.
     pub(super) used: Vec<bool>,
     pub(super) unknown: Unknown,
     pub(super) solution: Solution,
@@ -154,7 +154,7 @@ impl Form {
 /// Everything that does not change from step to step.
 struct Problem<'a> {
     target: Target,
-    glimpses: &'a [Glimpse],
+    detections: &'a [Detection],
     track: &'a Track,
     form: Form,
     unknown: Unknown,
@@ -163,7 +163,7 @@ struct Problem<'a> {
 
 /// An image in a round: the probe's pose at the round's lag, and its derivative.
 struct Picture {
-    glimpse: usize,
+    detection: usize,
     lag_s: f64,
     /// Maps the probe's frame to the reference's.
     map: DAffine3,
@@ -183,11 +183,11 @@ impl Picture {
 
 /// Start of the fit.
 #[derive(Debug, Clone)]
-pub(super) struct Begun {
+pub(super) struct Start {
     pub(super) plane: ImagePlane,
     pub(super) place: Place,
     pub(super) lag_s: f64,
-    /// For each glimpse, whether it agrees.
+    /// For each detection, whether it agrees.
     pub(super) agrees: Vec<bool>,
 }
 
@@ -197,30 +197,30 @@ pub(super) struct Begun {
 /// [`Unsolved`] names the parameters that the images do not determine.
 pub(super) fn refine(
     target: Target,
-    glimpses: &[Glimpse],
+    detections: &[Detection],
     track: &Track,
-    begun: Begun,
+    initial: Start,
     lag: bool,
 ) -> Result<Refined, Unsolved> {
-    let (problem, parameters) = Problem::new(target, glimpses, track, &begun, lag);
-    problem.solve(parameters, begun.agrees)
+    let (problem, parameters) = Problem::new(target, detections, track, &initial, lag);
+    problem.solve(parameters, initial.agrees)
 }
 
 impl<'a> Problem<'a> {
     fn new(
         target: Target,
-        glimpses: &'a [Glimpse],
+        detections: &'a [Detection],
         track: &'a Track,
-        Begun { plane, place, lag_s, .. }: &Begun,
+        Start { plane, place, lag_s, .. }: &Start,
         has_lag: bool,
     ) -> (Self, Parameters) {
-        let marks: Vec<DVec2> = glimpses.iter().flat_map(|glimpse| glimpse.marks.iter().copied()).collect();
+        let marks: Vec<DVec2> = detections.iter().flat_map(|detection| detection.marks.iter().copied()).collect();
         let mut parameters = Parameters::new();
         let unknown_plane = UnknownPlane::new(&mut parameters, plane, &marks, false);
         let (form, target_numbers) = match place {
             Place::Point(at) => (Form::Point, parameters.point("the point's place", 1.0, *at)),
             Place::Plane { normal, distance_mm } => {
-                let centre = middle(glimpses, track, plane, *lag_s);
+                let centre = middle(detections, track, plane, *lag_s);
                 let (first, second) = normal.any_orthonormal_pair();
                 let (along, lever_mm) = ([first, second], unknown_plane.lever_mm());
                 let off = distance_mm - normal.dot(centre);
@@ -234,7 +234,7 @@ impl<'a> Problem<'a> {
             parameters.hold(lag);
         }
         let unknown = Unknown { plane: unknown_plane, target: target_numbers, lag };
-        (Self { target, glimpses, track, form, unknown, has_lag }, parameters)
+        (Self { target, detections, track, form, unknown, has_lag }, parameters)
     }
 
     /// Returns the usual variances of the noise sources.
@@ -253,7 +253,7 @@ impl<'a> Problem<'a> {
         loop {
             let state = parameters.start();
             let all = self.pictures(&state);
-            let has_part: Vec<&Picture> = all.iter().filter(|picture| used[picture.glimpse]).collect();
+            let has_part: Vec<&Picture> = all.iter().filter(|picture| used[picture.detection]).collect();
             let scattered: Vec<Scattered> = has_part.iter().map(|picture| self.scattered(&state, picture)).collect();
             variances = settled(&scattered, variances, self.usual());
             let whitenings: Vec<DMatrix<f64>> = scattered.iter().map(|picture| picture.whitening(variances)).collect();
@@ -267,13 +267,13 @@ impl<'a> Problem<'a> {
             for picture in &all {
                 let scattered = self.scattered(&solution.state, picture);
                 let squares = (scattered.whitening(variances) * &scattered.residuals).norm_squared();
-                agree[picture.glimpse] = squares <= as_rare(REACH, scattered.residuals.len()).powi(2);
+                agree[picture.detection] = squares <= as_rare(REACH, scattered.residuals.len()).powi(2);
             }
             let is_found = round > TRUSTING && agree == used && moved.abs() < SAME_LAG_S;
             if round == ROUNDS || is_found {
-                let with = has_part.iter().map(|picture| picture.glimpse);
+                let with = has_part.iter().map(|picture| picture.detection);
                 let mut has = vec![false; used.len()];
-                with.for_each(|glimpse| has[glimpse] = true);
+                with.for_each(|detection| has[detection] = true);
                 return Ok(self.result(&has_part, &whitenings, has, variances, solution));
             }
             if round > TRUSTING {
@@ -354,17 +354,17 @@ impl<'a> Problem<'a> {
     /// Returns the images that have poses at the state's lag.
     fn pictures(&self, state: &State) -> Vec<Picture> {
         let [lag_s] = state.vector(self.unknown.lag);
-        let picture = |(glimpse, about): (usize, &Glimpse)| {
+        let picture = |(detection, about): (usize, &Detection)| {
             let map = about.reference_from_probe(self.track, lag_s)?;
             let rate = self.track.rate(about.time_s + lag_s)?;
-            Some(Picture { glimpse, lag_s, map, rate })
+            Some(Picture { detection, lag_s, map, rate })
         };
-        self.glimpses.iter().enumerate().filter_map(picture).collect()
+        self.detections.iter().enumerate().filter_map(picture).collect()
     }
 
     /// Returns an image's residuals and their noise sources.
     fn scattered(&self, state: &State, picture: &Picture) -> Scattered {
-        let marks = &self.glimpses[picture.glimpse].marks;
+        let marks = &self.detections[picture.detection].marks;
         let has_reference = self.track.poses().first().is_some_and(|poses| poses.tracker_from_reference.is_some());
         let sensors = if has_reference { 2 } else { 1 };
         let plane = self.unknown.plane.plane(state);
@@ -420,7 +420,7 @@ impl<'a> Problem<'a> {
             let mut residuals = DVector::zeros(whitening.nrows());
             let mut derivatives = DMatrix::zeros(whitening.nrows(), COLUMNS);
             let mut row = 0;
-            for px in &self.glimpses[picture.glimpse].marks {
+            for px in &self.detections[picture.detection].marks {
                 let probe = own.point(*px);
                 let changes = plane.changes(state, *px).map(|change| map.matrix3 * change);
                 let by_lag = picture.rate.transform_point3(probe);
@@ -459,15 +459,15 @@ impl<'a> Problem<'a> {
 const COLUMNS: usize = NUMBERS + 4;
 
 /// Returns the mean of all observed points, in the reference's frame.
-fn middle(glimpses: &[Glimpse], track: &Track, plane: &ImagePlane, lag_s: f64) -> DVec3 {
-    let point = |glimpse: &Glimpse| {
-        let map = glimpse.reference_from_probe(track, lag_s)?;
+fn middle(detections: &[Detection], track: &Track, plane: &ImagePlane, lag_s: f64) -> DVec3 {
+    let point = |detection: &Detection| {
+        let map = detection.reference_from_probe(track, lag_s)?;
         Some(
-            glimpse.marks.iter().map(|px| map.transform_point3(plane.point(*px))).sum::<DVec3>()
-                / glimpse.marks.len() as f64,
+            detection.marks.iter().map(|px| map.transform_point3(plane.point(*px))).sum::<DVec3>()
+                / detection.marks.len() as f64,
         )
     };
-    let points: Vec<DVec3> = glimpses.iter().filter_map(point).collect();
+    let points: Vec<DVec3> = detections.iter().filter_map(point).collect();
     points.iter().sum::<DVec3>() / points.len().max(1) as f64
 }
 

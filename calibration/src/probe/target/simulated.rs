@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::Transform;
 
-use super::glimpse::Seen;
+use super::detection::Seen;
 use super::{Place, Target};
 use crate::noise::Noise;
 use crate::probe::plane::ImagePlane;

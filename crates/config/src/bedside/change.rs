@@ -21,8 +21,8 @@ pub struct Change {
 
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let said = |value: &Value| if value.is_null() { "nothing said".to_owned() } else { value.to_string() };
-        write!(f, "{}: {} → {}", self.key, said(&self.from), said(&self.to))
+        let text = |value: &Value| if value.is_null() { "nothing said".to_owned() } else { value.to_string() };
+        write!(f, "{}: {} → {}", self.key, text(&self.from), text(&self.to))
     }
 }
 
@@ -60,8 +60,8 @@ impl Bedside {
             let list = if at_once { &mut changes.at_once } else { &mut changes.next_session };
             list.push(Change { key: key.clone(), from, to });
         }
-        let told = changes.next_session.iter().any(|change| change.key.starts_with("calibration."));
-        if self.calibration != newer.calibration && !told {
+        let is_listed = changes.next_session.iter().any(|change| change.key.starts_with("calibration."));
+        if self.calibration != newer.calibration && !is_listed {
             let [from, to] = ["as it was read first", "written anew"].map(Value::from);
             changes.next_session.push(Change { key: "calibration.file".into(), from, to });
         }

@@ -26,8 +26,9 @@ use mask::Clip;
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::region::{ClipRect, Fan};
 
-use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
-use super::{Bedside, FORMAT, VERSION};
+use super::file::Bedside;
+use super::frames::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
+use super::schema::{FORMAT, VERSION};
 use crate::plus::{Reader, document, is};
 use crate::texts::Texts;
 use crate::{Error, Kind, Settings};
@@ -358,8 +359,8 @@ mod tests {
         );
         assert_eq!((tracker.roles.probe, tracker.roles.reference, tracker.roles.stylus), (2, Some(1), None));
         assert_eq!(bedside.calibration.transforms[1].name(), "BedToTracker", "the transmitter is called Tracker here");
-        let said = bedside.notes.join("\n");
-        for says in [
+        let message = bedside.notes.join("\n");
+        for expected in [
             "VideoDevice (V4L2Video): not taken over: IOMethod=\"IO_METHOD_MMAP\"",
             "TrackerDevice (PolhemusLiberty): not taken over: AcquisitionRate=\"60\"",
             "TrackerDevice (PolhemusLiberty): tool Needle is not taken over",
@@ -368,9 +369,9 @@ mod tests {
             "Arm (Stepper): not taken over, because there is no driver for it",
             "not taken over: PlusOpenIGTLinkServer, fCal",
         ] {
-            assert!(said.contains(says), "{says}\n{said}");
+            assert!(message.contains(expected), "{expected}\n{message}");
         }
-        assert!(!said.contains("Mixer"), "{said}");
+        assert!(!message.contains("Mixer"), "{message}");
     }
 
     #[test]
@@ -401,30 +402,30 @@ mod tests {
     #[test]
     fn incomplete_set_error_lists_its_devices() {
         let video = VIDEO.replace("CROP", "");
-        let said = set(&video, "").unwrap_err();
+        let message = set(&video, "").unwrap_err();
         assert!(
-            said.contains(
+            message.contains(
                 "set.xml: the device set lacks a tracker with a driver in this program: it names VideoDevice (V4L2Video)"
             ),
-            "{said}"
+            "{message}"
         );
-        assert!(said.contains("file = \"set.xml\""), "{said}");
+        assert!(message.contains("file = \"set.xml\""), "{message}");
         assert!(
             set("", "")
                 .unwrap_err()
                 .contains("lacks a tracker and a frame grabber with a driver in this program: it names no device")
         );
-        for (from, to, says) in [
+        for (from, to, expected) in [
             ("DeviceName=\"/dev/video2\"", "", "Device DeviceName (line 4): is missing: give the video device"),
             ("800 600", "800.5 600", "Device FrameSize (line 4): must hold two positive whole numbers"),
             ("-0.2976", "-3", "LocalTimeOffsetSec (line 5): must lie between -1 and 1, not at -3"),
             ("PortName=\"2\"", "", "DataSource PortName (line "),
             ("PolhemusLiberty", "PolhemusIsotrak", "Device SerialPort (line "),
         ] {
-            let said = set(&format!("{video}{TRACKER}").replace(from, to), "")
+            let message = set(&format!("{video}{TRACKER}").replace(from, to), "")
                 .err()
                 .unwrap_or_else(|| panic!("{to} was read"));
-            assert!(said.contains(says), "{said}");
+            assert!(message.contains(expected), "{message}");
         }
     }
 }

@@ -56,13 +56,13 @@ impl<'a, 'e> Reader<'a, 'e> {
     }
 
     /// Returns a path relative to the file's folder.
-    pub(super) fn path_of(&self, told: &str) -> PathBuf {
-        self.path.with_file_name(told)
+    pub(super) fn path_of(&self, given: &str) -> PathBuf {
+        self.path.with_file_name(given)
     }
 
     /// Returns an optional path relative to the file's folder.
-    pub(super) fn path_if(&self, told: Option<RelativePath>) -> Option<PathBuf> {
-        told.map(|told| self.path_of(&told.0))
+    pub(super) fn path_if(&self, given: Option<RelativePath>) -> Option<PathBuf> {
+        given.map(|given| self.path_of(&given.0))
     }
 
     /// Whether the section may hold such a key.
@@ -149,5 +149,23 @@ impl<'a, 'e> Reader<'a, 'e> {
         let ms = given.map_or(calibrated_ms, |latency| latency.0);
         self.note("latency_ms", &ms);
         ns(ms)
+    }
+
+    /// Converts a driver's refusal of settings to an error at the right key.
+    pub(super) fn refused(&self, error: &drivers::Error) -> Error {
+        let line = if self.knows("port") { "port" } else { "device" };
+        match error {
+            drivers::Error::Setting { setting, problem, .. } => match *setting {
+                "stations" => self.error("probe_station", problem),
+                "stylus" => self.error("stylus_station", problem),
+                "fastest" => self.error("fastest_counts_per_s", problem),
+                // For a server's settings: names of transforms, and of the image.
+                "transforms" => self.error("probe", problem),
+                "image" => self.error("input", problem),
+                setting if self.knows(setting) => self.error(setting, problem),
+                _ => self.error(line, error.to_string()),
+            },
+            _ => self.error(line, error.to_string()),
+        }
     }
 }

@@ -4,7 +4,7 @@ use drivers::OpenSettings;
 use drivers::grabber::GrabberSettings;
 use drivers::openigtlink::{RemotePictures, RemoteSettings, RemoteTransforms};
 
-use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, misuse};
+use super::frames::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME};
 use super::reader::Reader;
 use super::schema;
 use crate::Error;
@@ -50,7 +50,7 @@ impl Remote {
         }
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
         let remote = Self { address, transforms, interval_ms: given.interval_ms, latency_ns };
-        drivers::open(&remote.open_settings()).map_err(|error| misuse(&keys, &error))?;
+        drivers::open(&remote.open_settings()).map_err(|error| keys.refused(&error))?;
         Ok(remote)
     }
 }
@@ -78,8 +78,8 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/examples/plus-server.toml");
         let server = Bedside::read(&path).unwrap();
         let Tracking::Remote(remote) = &server.tracking else { panic!("a server") };
-        let wanted = [("ProbeToTracker".to_owned(), "Probe"), ("ReferenceToTracker".to_owned(), "Reference")];
-        assert_eq!((remote.address.as_str(), &remote.transforms[..]), ("127.0.0.1:18944", &wanted[..]));
+        let expected = [("ProbeToTracker".to_owned(), "Probe"), ("ReferenceToTracker".to_owned(), "Reference")];
+        assert_eq!((remote.address.as_str(), &remote.transforms[..]), ("127.0.0.1:18944", &expected[..]));
         let names = [("Probe".to_owned(), "Tracker".to_owned()), ("Reference".to_owned(), "Tracker".to_owned())];
         assert_eq!(server.tracking.names(), names);
         let OpenSettings::Remote(pictures) = server.grabber.open_settings() else { panic!("a server's pictures") };
@@ -96,7 +96,7 @@ mod tests {
         };
         let good = "address = \"plus:18944\"";
         assert!(with(good, "openigtlink:plus:18944").is_ok());
-        for (remote, grabber, wanted) in [
+        for (remote, grabber, expected) in [
             ("", "openigtlink:plus:18944", ["remote.address", "HOST:PORT"]),
             ("address = \"plus\"", "openigtlink:plus:18944", ["address", "is not an address"]),
             (good, "openigtlink:plus", ["device", "is not an address"]),
@@ -113,7 +113,7 @@ mod tests {
             ),
         ] {
             let why = with(remote, grabber).unwrap_err();
-            assert!(wanted.iter().all(|part| why.contains(part)), "{why}");
+            assert!(expected.iter().all(|part| why.contains(part)), "{why}");
         }
     }
 }

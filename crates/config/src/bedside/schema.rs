@@ -139,7 +139,7 @@ impl Section {
 impl Key {
     fn new(name: String, mut schema: Value, at_once: bool) -> Self {
         without_null(&mut schema);
-        let usual = schema.get("default").map(|usual| format!("; default: {}", said(usual)));
+        let usual = schema.get("default").map(|usual| format!("; default: {}", text_of(usual)));
         let about = about(&schema) + &usual.unwrap_or_default();
         let at_once = at_once || schema["x-at-once"] == true;
         Self { name, takes: takes(&schema), about, at_once, schema }
@@ -169,13 +169,13 @@ fn about(schema: &Value) -> String {
 }
 
 /// Describes a default.
-fn said(value: &Value) -> String {
+fn text_of(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
         Value::Number(number) => number.as_f64().unwrap_or_default().to_string(),
         Value::Array(all) if all.is_empty() => "none".into(),
         Value::Array(all) if all[0].is_string() => named(all, "and"),
-        Value::Array(all) => format!("[{}]", all.iter().map(said).collect::<Vec<_>>().join(", ")),
+        Value::Array(all) => format!("[{}]", all.iter().map(text_of).collect::<Vec<_>>().join(", ")),
         other => other.to_string(),
     }
 }
@@ -265,13 +265,13 @@ fn check_range(entry: &Entry<'_>, x: f64, schema: &Value) -> Result<(), FileErro
         return Ok(());
     }
     let low = low.unwrap_or(f64::MIN);
-    let wanted = match (above, high) {
+    let rule = match (above, high) {
         (Some(above), Some(high)) => format!("must lie above {above} and not above {high}"),
         (Some(above), None) => format!("must be above {above}"),
         (None, Some(high)) => format!("must lie between {low} and {high}"),
         (None, None) => format!("must be {low} or more"),
     };
-    Err(entry.error(format!("{wanted}, not at {x}")))
+    Err(entry.error(format!("{rule}, not at {x}")))
 }
 
 /// Describes the items of a list, and their number if it is fixed.

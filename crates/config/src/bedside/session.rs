@@ -93,7 +93,7 @@ impl Status {
         let listen = given.listen.map(|listen| values::address(&listen)).transpose();
         let listen = listen.map_err(|why| keys.error("listen", why.to_string()))?;
         let [certificate, key, token_file] =
-            [given.certificate, given.key, given.token_file].map(|told| keys.path_if(told));
+            [given.certificate, given.key, given.token_file].map(|path| keys.path_if(path));
         let names = given.names.iter().enumerate();
         let names = names.map(|(n, name)| host_name(name).map_err(|why| keys.error(&format!("names[{n}]"), why)));
         let names = names.collect::<Result<Vec<_>, _>>()?;

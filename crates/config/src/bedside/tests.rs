@@ -1,14 +1,16 @@
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use proptest::prelude::*;
 use serde_json::json;
 
-use calibration::file::CalibrationFile;
+use calibration::file::{CalibrationFile, Latency};
 use drivers::OpenSettings;
 use drivers::tracker::polhemus::{Model, Port};
+use mask::Clip;
 use reconstruct::path_choice::PathChoice;
 use reconstruct::{Compounding, Decay};
+use sonoweave_core::date::Date;
 use sonoweave_core::frames::Transform;
 
 use super::*;
@@ -244,9 +246,9 @@ fn errors_name_file_line_key_and_valid_values() {
         ),
         ("[arm]\nkind = \"ea1\"\n", "arm (line 9): [tracker] is there too"),
     ];
-    for (more, says) in cases {
+    for (more, expected) in cases {
         let error = with(more).err().unwrap_or_else(|| panic!("{more} was read"));
-        assert!(error.contains(says), "{more}\n{error}");
+        assert!(error.contains(expected), "{more}\n{error}");
     }
 }
 
@@ -311,9 +313,9 @@ fn impossible_devices_refused_by_key() {
         ),
         ("[arm]\nkind = \"ea1\"\nport = \"/dev/a\"\nfastest_counts_per_s = 5\n", "arm.fastest_counts_per_s (line 6): "),
     ];
-    for (device, says) in cases {
+    for (device, expected) in cases {
         let error = parse(&format!("{head}{device}{grabber}")).err().unwrap_or_else(|| panic!("{device} was read"));
-        assert!(error.contains(says), "{device}\n{error}");
+        assert!(error.contains(expected), "{device}\n{error}");
     }
     let tracker = "[tracker]\nmodel = \"fastrak\"\nport = \"usb\"\n";
     let cases = [
@@ -336,9 +338,9 @@ fn impossible_devices_refused_by_key() {
             "grabber.orientation (line 8): \"XY\" is none of MF, MN",
         ),
     ];
-    for (device, says) in cases {
+    for (device, expected) in cases {
         let error = parse(&format!("{head}{tracker}{device}")).err().unwrap_or_else(|| panic!("{device} was read"));
-        assert!(error.contains(says), "{device}\n{error}");
+        assert!(error.contains(expected), "{device}\n{error}");
     }
     // Calibration runs without a transform from image to probe; reconstruction does not.
     let text = format!("{head}{tracker}[grabber]\ndevice = \"/dev/video0\"\n");
@@ -353,10 +355,16 @@ fn impossible_devices_refused_by_key() {
 #[test]
 fn other_file_kind_recognised_by_content() {
     let calibration = "format = \"sonoweave-calibration\"\nversion = 1\n";
-    let said = parse(calibration).unwrap_err();
-    assert!(said.starts_with("bed.toml: is a calibration file") && said.contains("file = \"bed.toml\""), "{said}");
-    let said = Settings::parse(Path::new("x.toml"), LEAST, None).unwrap_err().to_string();
-    assert!(said.starts_with("x.toml: is a session configuration, for `live`; a calibration is wanted"), "{said}");
+    let message = parse(calibration).unwrap_err();
+    assert!(
+        message.starts_with("bed.toml: is a calibration file") && message.contains("file = \"bed.toml\""),
+        "{message}"
+    );
+    let message = Settings::parse(Path::new("x.toml"), LEAST, None).unwrap_err().to_string();
+    assert!(
+        message.starts_with("x.toml: is a session configuration, for `live`; a calibration is wanted"),
+        "{message}"
+    );
     assert!(parse("").unwrap_err().contains("bed.toml: format (line 1): is missing"));
     assert!(parse("colour = 1\n").unwrap_err().contains("format (line 1): is missing"));
     assert!(parse("format = \"other\"\n").unwrap_err().contains("must be \"sonoweave-bedside\""));
@@ -385,11 +393,11 @@ fn changes_split_at_once_from_next_session() {
     );
     assert_eq!(keys(&changes.next_session), ["record.folder", "volume.spacing_mm"]);
     assert_eq!(changes.at_once[1].to_string(), "picture.mode: \"mip\" → \"average\"");
-    assert_eq!(changes.next_session[0].to_string(), "record.folder: nothing said → \"r\"");
+    assert_eq!(changes.next_session[0].to_string(), "record.folder: nothing message → \"r\"");
     let mut running = before.clone();
     running.adopt(&after);
     assert_eq!((running.grabber.latency_ns, running.record.keep_free_bytes), (12_500_000, 5_000_000));
-    assert_eq!((running.picture.look.mode, running.scanner), (after.picture.look.mode, after.scanner));
+    assert_eq!((running.picture.view.mode, running.scanner), (after.picture.view.mode, after.scanner));
     assert_eq!((running.volume.settings.spacing_mm, running.record.folder.clone()), (DVec3::splat(0.5), None));
     let left = running.changes(&after);
     assert!(left.at_once.is_empty() && left.next_session == changes.next_session, "{left:?}");
@@ -418,7 +426,7 @@ fn effective_contains_given_and_default_values() {
     assert_eq!((held("picture.view_deg"), held("picture.mode")), (&json!("30,-20"), &json!("shaded")));
     assert_eq!((held("volume.spacing_mm"), held("picture.perspective_deg")), (&json!([0.5, 0.5, 0.5]), &json!(null)));
     assert_eq!(bedside.picture.settings(None).unwrap().size, [512, 512]);
-    assert_eq!(bedside.picture.look.view, Some([30.0, -20.0, 0.0]));
+    assert_eq!(bedside.picture.view.view, Some([30.0, -20.0, 0.0]));
 }
 
 proptest! {
@@ -462,18 +470,21 @@ fn preset_chosen_by_name_refused_if_unfit() {
     );
     let patient = with_presets("preset = \"near\"\nwarn_after_days = 36500", "").unwrap();
     assert!(patient.notes.is_empty(), "{:?}", patient.notes);
-    let said = with_presets("", "").unwrap_err();
-    assert!(said.contains("probe.toml") && said.contains("\"near\", \"far\""), "{said}");
+    let message = with_presets("", "").unwrap_err();
+    assert!(message.contains("probe.toml") && message.contains("\"near\", \"far\""), "{message}");
     assert!(with_presets("preset = \"deep\"", "").unwrap_err().contains("no preset \"deep\""));
     // Checks the scanner's present depth by its ruler.
     let ruler = |px: f64| with_presets("preset = \"far\"", &format!("[scanner]\nruler = {{ px = {px}, mm = 40 }}\n"));
     assert!(ruler(200.5).is_ok());
-    let said = ruler(400.0).unwrap_err();
-    assert!(said.contains("ruler") && said.contains("0.2000 mm a pixel, but the scanner's has 0.1000"), "{said}");
+    let message = ruler(400.0).unwrap_err();
+    assert!(
+        message.contains("ruler") && message.contains("0.2000 mm a pixel, but the scanner's has 0.1000"),
+        "{message}"
+    );
     assert!(ruler(0.0).unwrap_err().contains("above 0"));
     // A different image size shows only with the first frame.
-    let said = far.mask.plan(640, 480).unwrap_err().to_string();
-    assert!(said.contains("64×48 pixels, and these have 640×480"), "{said}");
+    let message = far.mask.plan(640, 480).unwrap_err().to_string();
+    assert!(message.contains("64×48 pixels, and these have 640×480"), "{message}");
     assert!(with("[calibration]\npreset = \"far\"\n").unwrap_err().contains("give file"));
 }
 

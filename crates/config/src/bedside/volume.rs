@@ -13,8 +13,8 @@ use render::{Cache, RenderSettings};
 
 use super::reader::Reader;
 use super::schema;
-use crate::look::{Draw, Look};
 use crate::texts::Texts;
+use crate::view_settings::{Draw, ViewSettings};
 use crate::weighing::Weighing;
 use crate::{Error, MAX_BYTES, Settings as Calibration, values};
 
@@ -87,7 +87,7 @@ impl Volume {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// Its view, mode and quality.
-    pub look: Look,
+    pub view: ViewSettings,
     /// The grey values that are black and white.
     pub window: [f32; 2],
     /// Colour behind the volume.
@@ -110,7 +110,7 @@ impl Picture {
     /// # Errors
     /// [`Error`] when a transfer function's file has become unreadable.
     pub fn settings(&self, slice_axes: Option<[DVec3; 2]>) -> Result<RenderSettings, Error> {
-        let settings = self.look.settings(self.window, slice_axes, self.threads)?;
+        let settings = self.view.settings(self.window, slice_axes, self.threads)?;
         Ok(RenderSettings { cache: self.cache, cache_bytes: self.cache_bytes, ..settings })
     }
 
@@ -134,7 +134,7 @@ impl Picture {
             None => None,
         };
         let transfer = file.map(|file| file.to_string_lossy().into_owned()).or(named);
-        let look = Look {
+        let view = ViewSettings {
             image_size: size,
             view: keys.parsed_if("view_deg", given.view_deg, values::view)?,
             perspective: given.perspective_deg,
@@ -158,7 +158,7 @@ impl Picture {
             "perspective" => "perspective_deg",
             other => other,
         };
-        look.check().map_err(|unfit| keys.unfit(unfit, key_of))?;
+        view.check().map_err(|unfit| keys.unfit(unfit, key_of))?;
         let window = keys.parsed("window", given.window, ",", values::window)?;
         keys.note("window", &window);
         let background = keys.parsed("background", given.background, ",", values::colour)?;
@@ -168,7 +168,7 @@ impl Picture {
         draw.dedup();
         keys.note("draw", &draw.iter().map(|draw| draw.name()).collect::<Vec<_>>());
         Ok(Self {
-            look,
+            view,
             window,
             background,
             most_hz: given.most_hz,

@@ -19,12 +19,16 @@
 //! if it has no hole, or no seen voxel within the radius along each axis.
 //!
 //! - `reach`: extent of the radius along each axis, in squared distances and weights.
-//! - `tile`: voxels of a tile and around it, and its bricks that need work.
+//! - `settings`: method and radius, and counts of the work.
+//! - `tile`: voxels of a tile and around it.
+//! - `bricks`: the bricks of a tile that need work.
 //! - `nearest`, `gaussian`: the filling methods, a brick at a time.
 
+mod bricks;
 mod gaussian;
 mod nearest;
 mod reach;
+mod settings;
 mod tile;
 
 use std::collections::BTreeSet;
@@ -35,77 +39,16 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use volume::Voxels;
 use volume::brick::{BrickIndex, EDGE, VOXELS};
-use volume::brick_volume::SEEN;
 
 use super::ExportError;
 use super::volume::DenseBox;
+pub use reach::FARTHEST;
 use reach::Reach;
+pub use settings::{FILLED, FillMethod, FillWork, Filling};
 use tile::{TILE_EDGE, Tile};
 
-/// Weight of a filled voxel, and of no other.
-pub const FILLED: f32 = -1.0;
-/// Largest radius in voxels along any axis. Wider holes are not between slices, and their edges
-/// do not predict their middle.
-pub const FARTHEST: usize = 32;
 /// Tiles between two checks of the memory of filled voxels.
 const BATCH: usize = 256;
-
-/// Method for the value of a filled voxel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FillMethod {
-    /// The nearest seen voxel.
-    Nearest,
-    /// The seen voxels around, nearer ones with more weight.
-    Gaussian,
-}
-
-impl FillMethod {
-    /// Returns the name on the command line and in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Nearest => "nearest",
-            Self::Gaussian => "gaussian",
-        }
-    }
-}
-
-/// Settings for filling holes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Filling {
-    /// The method.
-    pub law: FillMethod,
-    /// Radius of the seen voxels used, mm.
-    pub radius_mm: f64,
-}
-
-impl std::fmt::Display for Filling {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} within {} mm", self.law.name(), self.radius_mm)
-    }
-}
-
-/// Statistics of a filling.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct FillWork {
-    /// Bricks of 8³ voxels common to the box and the tiles in reach.
-    pub bricks_considered: u64,
-    /// Considered bricks with a hole in the box, and a seen voxel within the radius along each
-    /// axis of their part in the box. Only these are processed.
-    pub bricks_touched: u64,
-    /// Unseen voxels of touched bricks, in the box.
-    pub holes: u64,
-    /// Holes that were filled.
-    pub filled: u64,
-}
-
-impl std::ops::AddAssign for FillWork {
-    fn add_assign(&mut self, other: Self) {
-        self.bricks_considered += other.bricks_considered;
-        self.bricks_touched += other.bricks_touched;
-        self.holes += other.holes;
-        self.filled += other.filled;
-    }
-}
 
 /// A volume with its holes filled, for file writers.
 pub struct Filled<'a> {
@@ -152,7 +95,9 @@ impl Filling {
         };
         let mut filled = Filled { volume, filling: *self, bricks: FxHashMap::default(), work: FillWork::default() };
         let taps = reach.taps();
-        let run = |memory: &mut Tile, place: &[i64; 3]| memory.fill(volume, space, *place, &reach, self.law, &taps);
+        let run = |memory: &mut Tile, place: &[i64; 3]| {
+            bricks::fill(memory, volume, space, *place, &reach, self.method, &taps)
+        };
         for batch in tiles.chunks(BATCH) {
             let done: Vec<_> = match &pool {
                 None => {
@@ -263,16 +208,6 @@ impl Voxels for Filled<'_> {
     fn bytes(&self) -> u64 {
         self.volume.bytes() + self.added_bytes()
     }
-}
-
-/// Returns the smallest of three lengths.
-fn finest(spacing: [f64; 3]) -> f64 {
-    DVec3::from_array(spacing).min_element()
-}
-
-/// Returns a voxel's value, if it was seen.
-fn seen(r: f32, w: f32) -> Option<f32> {
-    (w > SEEN).then(|| r / w)
 }
 
 #[cfg(test)]

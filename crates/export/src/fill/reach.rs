@@ -1,7 +1,12 @@
 //! Extent of a radius along each axis of a lattice.
 
-use super::{ExportError, FARTHEST, finest};
+use glam::DVec3;
 
+use crate::error::ExportError;
+
+/// Largest radius in voxels along any axis. Wider holes are not between slices, and their edges
+/// do not predict their middle.
+pub const FARTHEST: usize = 32;
 /// The squared radius as a whole number. Unreachable distances are [`NEVER`], and sums of three
 /// squares stay below 2³¹.
 pub(super) const ONE: i32 = 1 << 28;
@@ -63,4 +68,9 @@ impl Reach {
         }
         taps
     }
+}
+
+/// Returns the smallest of three lengths.
+pub(super) fn finest(spacing: [f64; 3]) -> f64 {
+    DVec3::from_array(spacing).min_element()
 }

@@ -4,8 +4,10 @@ use glam::DMat3;
 use proptest::prelude::*;
 
 use volume::brick::offset;
+use volume::brick_volume::SEEN;
 use volume::{BrickVolume, Grid};
 
+use super::reach::finest;
 use super::*;
 
 /// A lattice voxel and its value.
@@ -80,8 +82,14 @@ fn bits(filled: &Filled<'_>, space: &DenseBox) -> Vec<[u32; 2]> {
         .collect()
 }
 
-fn fill<'a>(law: FillMethod, radius_mm: f64, volume: &'a BrickVolume, space: &DenseBox, threads: usize) -> Filled<'a> {
-    Filling { law, radius_mm }.fill(volume, space, threads, u64::MAX).unwrap()
+fn fill<'a>(
+    method: FillMethod,
+    radius_mm: f64,
+    volume: &'a BrickVolume,
+    space: &DenseBox,
+    threads: usize,
+) -> Filled<'a> {
+    Filling { method, radius_mm }.fill(volume, space, threads, u64::MAX).unwrap()
 }
 
 proptest! {
@@ -134,9 +142,9 @@ proptest! {
             prop_assert_eq!(work.holes, touched.iter().sum::<u64>());
             prop_assert!(work.bricks_considered >= work.bricks_touched);
         }
-        for (law, alone) in [(FillMethod::Nearest, &nearest), (FillMethod::Gaussian, &gaussian)] {
+        for (method, alone) in [(FillMethod::Nearest, &nearest), (FillMethod::Gaussian, &gaussian)] {
             for threads in [2, 3] {
-                let shared = fill(law, radius, &volume, &space, threads);
+                let shared = fill(method, radius, &volume, &space, threads);
                 prop_assert_eq!(shared.work(), alone.work());
                 prop_assert_eq!(bits(&shared, &space), bits(alone, &space), "{} threads", threads);
             }
@@ -200,7 +208,7 @@ fn invalid_radius_and_low_memory_are_refused() {
     let volume = volume(&[([0; 3], 7.0)]);
     let space = space([-8; 3], [16; 3], [0.5, 0.4, 1.0]);
     let refusal = |radius_mm: f64, limit: u64| {
-        Filling { law: FillMethod::Nearest, radius_mm }.fill(&volume, &space, 1, limit).map(drop)
+        Filling { method: FillMethod::Nearest, radius_mm }.fill(&volume, &space, 1, limit).map(drop)
     };
     for radius in [0.39, 0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(

@@ -1,18 +1,15 @@
 //! A tile: 4×4×4 bricks of the box, and the seen voxels in and around them.
 
 use volume::Voxels;
-use volume::brick::{BrickIndex, EDGE, VOXELS};
+use volume::brick::EDGE;
+use volume::brick_volume::SEEN;
 
-use super::reach::{NEVER, Reach, Tap};
-use super::{FillMethod, FillWork, gaussian, nearest, seen};
+use super::reach::{NEVER, Reach};
 use crate::volume::DenseBox;
 
 /// Voxels along a tile's edge; large enough that the surrounding voxels are not most of the
 /// reading.
 pub(super) const TILE_EDGE: i64 = 32;
-
-/// Values of a brick, x fastest; NaN where nothing is filled.
-pub(super) type BrickValues = Box<[f32; VOXELS]>;
 
 /// Holes of a brick in the box: a bit a voxel along x, by row y + 8 z.
 pub(super) type Holes = [u8; EDGE * EDGE];
@@ -33,70 +30,14 @@ pub(super) struct Tile {
     /// ones. Indexed by row of all stored voxels and x of the bricks alone.
     pub(super) along_x: Vec<[i32; 2]>,
     weight: Vec<f32>,
-    /// Memory of [`nearest`].
+    /// Memory of [`nearest`](super::nearest).
     pub(super) along_y: Vec<[[i32; EDGE]; 2]>,
 }
 
 impl Tile {
-    /// Fills the holes of the tile at `place` times its edge.
-    pub(super) fn fill(
-        &mut self,
-        volume: &dyn Voxels,
-        space: &DenseBox,
-        place: [i64; 3],
-        reach: &Reach,
-        law: FillMethod,
-        taps: &[Tap],
-    ) -> (Vec<(BrickIndex, BrickValues)>, FillWork) {
-        let edge = EDGE as i64;
-        // The bricks of the tile that hold voxels of the box.
-        let ends: [[i64; 2]; 3] = std::array::from_fn(|a| {
-            let low = (place[a] * TILE_EDGE).max(space.first[a]);
-            let high = (place[a] * TILE_EDGE + TILE_EDGE).min(space.first[a] + space.grid.size[a] as i64) - 1;
-            [low.div_euclid(edge), high.div_euclid(edge)]
-        });
-        let bricks = ends.map(|[low, high]| (high - low + 1).max(0) as usize);
-        let mut work = FillWork { bricks_considered: bricks.iter().product::<usize>() as u64, ..FillWork::default() };
-        let mut filled = Vec::new();
-        let first = ends.map(|[low, _]| low * edge);
-        let [any_seen, all_seen] = self.read(volume, first, bricks.map(|n| n * EDGE), reach);
-        if all_seen || !any_seen {
-            return (filled, work);
-        }
-        self.search_rows(reach);
-        for z in 0..bricks[2] {
-            for y in 0..bricks[1] {
-                for x in 0..bricks[0] {
-                    let corner = [x, y, z].map(|b| b * EDGE);
-                    let at: [i64; 3] = std::array::from_fn(|a| first[a] + corner[a] as i64);
-                    let (holes, count) = self.holes(corner, at, space, reach);
-                    if count == 0 || !self.has_seen(corner, at, space, reach) {
-                        continue;
-                    }
-                    work.bricks_touched += 1;
-                    work.holes += count;
-                    let mut values = Box::new([f32::NAN; VOXELS]);
-                    let done = match law {
-                        FillMethod::Nearest => nearest::fill(self, corner, &holes, reach, &mut values),
-                        FillMethod::Gaussian => gaussian::fill(self, corner, &holes, reach, taps, &mut values),
-                    };
-                    work.filled += done;
-                    if done > 0 {
-                        // Brick indices of a volume fit in 32 bits.
-                        let brick = at.map(|i| i32::try_from(i.div_euclid(edge)));
-                        if let [Ok(x), Ok(y), Ok(z)] = brick {
-                            filled.push(([x, y, z], values));
-                        }
-                    }
-                }
-            }
-        }
-        (filled, work)
-    }
-
     /// Reads `inner` voxels of bricks from `first` on, and the surroundings that the radius
     /// reaches. Returns whether any voxel was seen, and whether all were.
-    fn read(&mut self, volume: &dyn Voxels, first: [i64; 3], inner: [usize; 3], reach: &Reach) -> [bool; 2] {
+    pub(super) fn read(&mut self, volume: &dyn Voxels, first: [i64; 3], inner: [usize; 3], reach: &Reach) -> [bool; 2] {
         self.size = std::array::from_fn(|a| inner[a] + 2 * reach.steps[a]);
         self.width = inner[0];
         let [nx, ny, nz] = self.size;
@@ -123,7 +64,7 @@ impl Tile {
 
     /// Returns the holes of a brick that begins at `corner` of the tile and `at` of the lattice,
     /// and their number.
-    fn holes(&self, corner: [usize; 3], at: [i64; 3], space: &DenseBox, reach: &Reach) -> (Holes, u64) {
+    pub(super) fn holes(&self, corner: [usize; 3], at: [i64; 3], space: &DenseBox, reach: &Reach) -> (Holes, u64) {
         let inside = |axis: usize, step: usize| {
             let index = at[axis] + step as i64 - space.first[axis];
             (0..space.grid.size[axis] as i64).contains(&index)
@@ -152,7 +93,7 @@ impl Tile {
 
     /// Finds the nearest seen voxel along x for each voxel of the bricks and of the rows around
     /// them; of two equally near the one of lower x.
-    fn search_rows(&mut self, reach: &Reach) {
+    pub(super) fn search_rows(&mut self, reach: &Reach) {
         let (nx, steps) = (self.size[0], reach.steps[0]);
         let squares = &reach.squares[0];
         self.along_x.resize(self.seen.len() / nx * self.width, [NEVER, 0]);
@@ -187,7 +128,7 @@ impl Tile {
 
     /// Returns whether a voxel was seen within the radius along each axis of a brick's part in
     /// the box.
-    fn has_seen(&self, corner: [usize; 3], at: [i64; 3], space: &DenseBox, reach: &Reach) -> bool {
+    pub(super) fn has_seen(&self, corner: [usize; 3], at: [i64; 3], space: &DenseBox, reach: &Reach) -> bool {
         let ends: [[usize; 2]; 3] = std::array::from_fn(|a| {
             let beyond = space.first[a] + space.grid.size[a] as i64;
             let [low, high] = [space.first[a], beyond].map(|end| (end - at[a]).clamp(0, EDGE as i64) as usize);
@@ -202,4 +143,9 @@ impl Tile {
             })
         })
     }
+}
+
+/// Returns a voxel's value, if it was seen.
+fn seen(r: f32, w: f32) -> Option<f32> {
+    (w > SEEN).then(|| r / w)
 }

@@ -1,6 +1,6 @@
 //! One of the three planes: its position in the picture, and the voxel values of its pixels.
 
-use super::Shown;
+use super::VoxelValue;
 
 /// Position of a plane in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +29,7 @@ impl Panel {
     /// Returns the grey levels of the plane's pixels, `None` if the nearest voxel is unseen.
     /// Values are interpolated between seen voxels only; filled ones contribute only if the
     /// nearest is filled.
-    pub(super) fn sample(&self, voxel: &impl Fn([u64; 3]) -> Option<Shown>) -> Vec<Option<Shown>> {
+    pub(super) fn sample(&self, voxel: &impl Fn([u64; 3]) -> Option<VoxelValue>) -> Vec<Option<VoxelValue>> {
         let [right, down, cut] = self.axes;
         let value = |u: u64, v: u64| {
             let mut index = [0; 3];

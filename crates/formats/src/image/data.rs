@@ -1,14 +1,29 @@
-//! Opens the file of the pixel data, if it is separate from the header.
+//! Opens regular files, and the file of the pixel data if it is separate from the header.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read};
 use std::path::{Component, Path, PathBuf};
 
 use crate::Error;
-use crate::image::header::Field;
+use crate::image::fault::Field;
+
+/// Buffer size, bytes; large enough that system calls do not limit the reading of raw frames.
+pub const BUFFER: usize = 256 << 10;
 
 /// Length limit of a skipped line, bytes.
 const LINE_BYTES: u64 = 1 << 20;
+
+/// Opens a regular file; returns reader and length.
+pub(super) fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
+    let failed = |source| Error::Io { path: path.to_owned(), doing: "opening", source };
+    // Checked before opening: opening a pipe would wait for its other end.
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_file() {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "not a regular file; give the recording's file");
+        return Err(failed(source));
+    }
+    Ok((BufReader::with_capacity(BUFFER, File::open(path).map_err(failed)?), metadata.len()))
+}
 
 /// An opened file of pixel data.
 pub(super) struct Data {
@@ -35,7 +50,7 @@ impl Data {
         }
         let folder = header.parent().unwrap_or(Path::new(""));
         let path = folder.join(name);
-        match crate::image::open_file(&path) {
+        match open_file(&path) {
             Ok((reader, bytes)) => Ok(Self { reader, path, at: 0, bytes }),
             Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
                 let problem =

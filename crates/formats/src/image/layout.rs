@@ -3,7 +3,7 @@
 use sonoweave_core::reading::PixelType;
 
 use crate::Limits;
-use crate::image::header::{Fault, Field};
+use crate::image::fault::{Fault, Field};
 
 /// Largest expansion of a deflate stream: its shortest code for the longest copy (258 bytes)
 /// takes two bits.
@@ -396,12 +396,12 @@ mod tests {
                 "more than the 48 compressed bytes of data in the file can hold",
             ),
         ];
-        for (lines, bytes, field, says) in cases {
-            let expected = at(&format!("{field} ="), &lines);
-            match layout(&lines, bytes).expect_err(says) {
+        for (lines, bytes, field, expected) in cases {
+            let place = at(&format!("{field} ="), &lines);
+            match layout(&lines, bytes).expect_err(expected) {
                 Fault::Field { field: f, offset, problem } => {
-                    assert_eq!((f.as_str(), offset), (field, expected), "{problem}");
-                    assert!(problem.contains(says), "{problem:?} does not say {says:?}");
+                    assert_eq!((f.as_str(), offset), (field, place), "{problem}");
+                    assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
                 }
                 limit @ Fault::Limit { .. } => panic!("{limit:?}"),
             }
@@ -411,11 +411,11 @@ mod tests {
     #[test]
     fn limits_are_checked_first() {
         let voxels = layout(&IMAGES.replace("4 3 2", "1000000 1000000 1000"), 48).unwrap_err();
-        let says = |fault: &Fault, text: &str| matches!(fault, Fault::Limit { what, .. } if what.contains(text));
-        assert!(says(&voxels, "field DimSize (byte 10): the size of one frame"), "{voxels:?}");
+        let expected = |fault: &Fault, text: &str| matches!(fault, Fault::Limit { what, .. } if what.contains(text));
+        assert!(expected(&voxels, "field DimSize (byte 10): the size of one frame"), "{voxels:?}");
         let widest = layout(&IMAGES.replace("4 3 2", "18446744073709551615 18446744073709551615 1"), 48).unwrap_err();
-        assert!(says(&widest, "the size of one frame"), "{widest:?}");
+        assert!(expected(&widest, "the size of one frame"), "{widest:?}");
         let frames = layout(&IMAGES.replace("4 3 2", "4 3 1000000000000000"), 48).unwrap_err();
-        assert!(says(&frames, "the number of frames"), "{frames:?}");
+        assert!(expected(&frames, "the number of frames"), "{frames:?}");
     }
 }

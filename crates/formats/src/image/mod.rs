@@ -3,6 +3,7 @@
 //! The header's meaning is implemented once; each format adds a grammar in front of it. In the
 //! order of the data flow:
 //!
+//! - `open`: opens a file and checks its header.
 //! - `header`: lines to fields, by the format's grammar.
 //! - `layout`: shape and packing of the pixel data, and whether they are possible.
 //! - `sequence`: meaning of the per-frame fields.
@@ -14,231 +15,35 @@
 //! one frame, whatever the file's length. The exception is interleaved frames (`transposed`),
 //! which are all kept in memory.
 
+mod about;
 mod container;
 mod data;
 mod digits;
+mod fault;
 pub(crate) mod header;
 pub mod layout;
 mod metaimage;
 mod nifti;
 mod nrrd;
 pub(crate) mod numbers;
+mod open;
+mod place;
+mod scaling;
 pub mod sequence;
+mod sequence_header;
 pub(crate) mod spacing;
 pub mod stream;
 pub mod transposed;
 mod volume;
+mod volume_header;
 pub mod write;
 
-use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
-
+pub use about::{About, content};
 pub use container::Container;
-use data::Data;
-use header::{Fault, Grammar, Header, Parser};
+pub use data::BUFFER;
 pub use layout::Content;
-use layout::{Encoding, Layout};
-use sequence::Sequence;
+pub use open::{Opened, open_sequence};
 pub use spacing::ELEMENT_SPACING;
 pub use transposed::OnRows;
-pub use volume::{VolumeHeader, VolumeReader};
-
-use crate::{Error, Limits};
-
-/// Buffer size, bytes; large enough that system calls do not limit the reading of raw frames.
-pub const BUFFER: usize = 256 << 10;
-
-/// An opened file with a valid header `H`. The reader is at the beginning of the pixel data.
-pub struct Opened<H = Sequence> {
-    /// Reader, at the first pixel.
-    pub reader: BufReader<File>,
-    /// File of the reader; differs from the header's if the data have a file of their own.
-    pub data_path: PathBuf,
-    /// The parsed header.
-    pub header: H,
-    /// Position and meaning of the pixel data.
-    pub layout: Layout,
-}
-
-/// Opens a regular file; returns reader and length.
-fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
-    let failed = |source| Error::Io { path: path.to_owned(), doing: "opening", source };
-    // Checked before opening: opening a pipe would wait for its other end.
-    let metadata = fs::metadata(path).map_err(failed)?;
-    if !metadata.is_file() {
-        let source = io::Error::new(io::ErrorKind::InvalidInput, "not a regular file; give the recording's file");
-        return Err(failed(source));
-    }
-    Ok((BufReader::with_capacity(BUFFER, File::open(path).map_err(failed)?), metadata.len()))
-}
-
-/// Opens a sequence and checks its whole header.
-///
-/// # Errors
-/// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no sequence or its
-/// header is invalid, [`Error::Limit`] when it exceeds the limits.
-pub fn open_sequence(path: &Path, limits: &Limits) -> Result<Opened, Error> {
-    let Opened { reader, data_path, header, layout } = open(path, limits)?;
-    if layout.content == Content::Volume {
-        let field = header.kinds().unwrap_or(&layout.shape);
-        let problem = "makes this a volume; a sequence of frames has a last axis of kind list, or fields Seq_Frame…";
-        return Err(field.fault(problem).at(path));
-    }
-    let header = Sequence::new(header, &layout).map_err(|fault| fault.at(path))?;
-    Ok(Opened { reader, data_path, header, layout })
-}
-
-/// Opens an image file and checks the part of its header that describes the pixels.
-fn open(path: &Path, limits: &Limits) -> Result<Opened<Header>, Error> {
-    let (mut reader, bytes) = open_file(path)?;
-    let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
-    if nifti::read::is_nifti(begins) {
-        let problem = "makes this a NIfTI volume (or a compressed file), not a sequence of frames; give a sequence";
-        return Err(Fault::field("sizeof_hdr", 0, problem).at(path));
-    }
-    let grammar = if begins.starts_with(b"NRRD") { &nrrd::grammar::GRAMMAR } else { &metaimage::grammar::GRAMMAR };
-    let header = read_header(&mut reader, path, grammar, limits)?;
-    let claims = (header.grammar.claims)(&header).map_err(|fault| fault.at(path))?;
-    let mut data = Data { reader, path: path.to_owned(), at: header.end, bytes: bytes.saturating_sub(header.end) };
-    if let Some(field) = claims.data.file {
-        data = Data::beside(path, field)?;
-    }
-    data.skip_lines(claims.data.skip_lines)?;
-    let layout = Layout::new(&claims, data.at, data.bytes, limits).map_err(|fault| fault.at(path))?;
-    let Data { mut reader, path: data_path, .. } = data;
-    match reader.seek(SeekFrom::Start(layout.data_at)) {
-        Ok(_) => Ok(Opened { reader, data_path, header, layout }),
-        Err(source) => Err(Error::Io { path: data_path, doing: "going to the first pixel", source }),
-    }
-}
-
-/// Opens a NIfTI volume; returns `None` if the file is no NIfTI file.
-fn open_nifti(path: &Path, limits: &Limits) -> Result<Option<nifti::read::Opened>, Error> {
-    let (mut reader, bytes) = open_file(path)?;
-    let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
-    if !nifti::read::is_nifti(begins) {
-        return Ok(None);
-    }
-    let compressed = begins.starts_with(b"\x1f\x8b");
-    nifti::read::open(reader, bytes, path, compressed, limits).map(Some)
-}
-
-fn read_header(
-    reader: &mut impl BufRead,
-    path: &Path,
-    grammar: &'static Grammar,
-    limits: &Limits,
-) -> Result<Header, Error> {
-    let mut parser = Parser::new(grammar, *limits);
-    let mut line = Vec::new();
-    loop {
-        line.clear();
-        let room = parser.room();
-        let read = reader.by_ref().take(room as u64 + 1).read_until(b'\n', &mut line);
-        read.map_err(|source| Error::Io { path: path.to_owned(), doing: "reading the header", source })?;
-        if line.is_empty() {
-            parser.file_ends().map_err(|fault| fault.at(path))?;
-            return parser.finish().map_err(|fault| fault.at(path));
-        }
-        if parser.line(&line).map_err(|fault| fault.at(path))? {
-            return parser.finish().map_err(|fault| fault.at(path));
-        }
-    }
-}
-
-/// Format information from an image file's header.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct About {
-    /// Sequence or volume, by the kinds of the axes (whether the last is a list). Without
-    /// kinds, the per-frame fields decide.
-    pub content: Content,
-    /// Name of the format.
-    pub format: &'static str,
-    /// Encoding of the scalars, as text for the user.
-    pub encoding: &'static str,
-    /// Whether the scalars are compressed.
-    pub compressed: bool,
-    /// Whether the scalars are stored in big-endian byte order.
-    pub big_endian: bool,
-}
-
-impl About {
-    /// Reads only the header of an image file.
-    ///
-    /// # Errors
-    /// [`Error`] when the file cannot be read, has an unknown format, or has an invalid header.
-    pub fn read(path: &Path, limits: &Limits) -> Result<Self, Error> {
-        let (format, layout) = match open_nifti(path, limits)? {
-            Some(opened) => ("NIfTI", opened.layout),
-            None => {
-                let Opened { header, layout, .. } = open(path, limits)?;
-                (header.grammar.name, layout)
-            }
-        };
-        let encoding = match layout.encoding {
-            Encoding::Raw => "not compressed",
-            Encoding::Zlib => "compressed (zlib)",
-            Encoding::Gzip => "compressed (gzip)",
-            Encoding::Text => "as text",
-        };
-        Ok(Self {
-            content: layout.content,
-            format,
-            encoding,
-            compressed: matches!(layout.encoding, Encoding::Zlib | Encoding::Gzip),
-            big_endian: layout.big_endian,
-        })
-    }
-}
-
-/// Returns whether an image file is a sequence or a volume.
-///
-/// # Errors
-/// The errors of [`About::read`].
-pub fn content(path: &Path, limits: &Limits) -> Result<Content, Error> {
-    About::read(path, limits).map(|about| about.content)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn read(bytes: &[u8], header_bytes: u64) -> Result<Header, Error> {
-        read_header(
-            &mut &*bytes,
-            Path::new("f.mha"),
-            &metaimage::grammar::GRAMMAR,
-            &Limits { header_bytes, ..Limits::default() },
-        )
-    }
-
-    #[test]
-    fn header_and_line_lengths_are_limited() {
-        let text = b"A = 1\nElementDataFile = LOCAL\npixels";
-        assert_eq!(read(text, 30).unwrap().end, 30);
-        let error = read(text, 29).err().unwrap();
-        assert!(matches!(error, Error::Limit { value: 30, limit: 29, .. }), "{error}");
-        let endless = vec![b'x'; 3 << 20];
-        let error = read(&endless, 256 << 20).err().unwrap();
-        assert!(error.to_string().contains("line 1 (byte 0): is longer than 1048576 bytes"), "{error}");
-    }
-
-    #[test]
-    fn truncated_header_is_refused_with_offset() {
-        for text in [&b""[..], b"A = 1\n", b"A = 1\nB = 2"] {
-            let error = read(text, 1000).err().unwrap();
-            let says = format!("f.mha: field ElementDataFile (byte {}): was not reached", text.len());
-            assert!(error.to_string().starts_with(&says), "{error}");
-        }
-    }
-
-    #[test]
-    fn irregular_file_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let error = content(folder.path(), &Limits::default()).unwrap_err();
-        assert!(error.to_string().contains("not a regular file"), "{error}");
-        let error = content(&folder.path().join("none.mha"), &Limits::default()).unwrap_err();
-        assert!(matches!(&error, Error::Io { source, .. } if source.kind() == io::ErrorKind::NotFound), "{error}");
-    }
-}
+pub use volume::VolumeReader;
+pub use volume_header::VolumeHeader;

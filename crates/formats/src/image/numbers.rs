@@ -1,6 +1,6 @@
 //! Parses numbers in headers.
 
-/// Reason why a field does not hold the wanted numbers.
+/// Reason why a field does not hold the expected numbers.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum BadNumber {
     #[error("{0} is negative; it must be a whole number from 0 on")]
@@ -9,10 +9,10 @@ pub(crate) enum BadNumber {
     TooLarge(String),
     #[error("{0:?} is not a whole number from 0 on; correct it")]
     NotWhole(String),
-    #[error("{word:?}, number {position} of {wanted}, is not a number; correct it")]
-    NotNumber { word: String, position: usize, wanted: usize },
-    #[error("holds {found} numbers, but must hold exactly {wanted}; the line is damaged or was edited")]
-    Count { found: usize, wanted: usize },
+    #[error("{word:?}, number {position} of {expected}, is not a number; correct it")]
+    NotNumber { word: String, position: usize, expected: usize },
+    #[error("holds {found} numbers, but must hold exactly {expected}; the line is damaged or was edited")]
+    Count { found: usize, expected: usize },
     #[error("is {0:?}; its numbers must be finite")]
     NotFinite(String),
     #[error("is {0:?}; it must be a finite number of seconds")]
@@ -36,14 +36,14 @@ pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], BadNumber>
     let mut found = 0;
     for word in text.split_whitespace() {
         let Some(value) = number(word) else {
-            return Err(BadNumber::NotNumber { word: word.to_owned(), position: found + 1, wanted: N });
+            return Err(BadNumber::NotNumber { word: word.to_owned(), position: found + 1, expected: N });
         };
         if let Some(slot) = numbers.get_mut(found) {
             *slot = value;
         }
         found += 1;
     }
-    if found == N { Ok(numbers) } else { Err(BadNumber::Count { found, wanted: N }) }
+    if found == N { Ok(numbers) } else { Err(BadNumber::Count { found, expected: N }) }
 }
 
 /// Parses exactly `N` finite numbers.
@@ -72,6 +72,12 @@ pub(crate) fn number(token: &str) -> Option<f64> {
     })
 }
 
+/// Formats the numbers as the shortest decimals that read back the same.
+pub(crate) fn list(values: &[f64]) -> String {
+    let values: Vec<String> = values.iter().map(f64::to_string).collect();
+    values.join(" ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -83,9 +89,9 @@ mod tests {
         for nan in ["nan", "-nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND"] {
             assert!(numbers::<1>(nan).unwrap()[0].is_nan(), "{nan}");
         }
-        assert_eq!(numbers::<16>(&"1 ".repeat(15)), Err(BadNumber::Count { found: 15, wanted: 16 }));
-        assert_eq!(numbers::<2>("1 2 3"), Err(BadNumber::Count { found: 3, wanted: 2 }));
-        assert_eq!(numbers::<2>("1 x"), Err(BadNumber::NotNumber { word: "x".into(), position: 2, wanted: 2 }));
+        assert_eq!(numbers::<16>(&"1 ".repeat(15)), Err(BadNumber::Count { found: 15, expected: 16 }));
+        assert_eq!(numbers::<2>("1 2 3"), Err(BadNumber::Count { found: 3, expected: 2 }));
+        assert_eq!(numbers::<2>("1 x"), Err(BadNumber::NotNumber { word: "x".into(), position: 2, expected: 2 }));
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use sonoweave_core::reading::{Status, split_transform_name};
 
-use crate::image::header::{Fault, FrameField, Header};
+use crate::image::fault::Fault;
+use crate::image::header::{FrameField, Header};
 use crate::image::layout::Layout;
 use crate::image::numbers::{BadNumber, numbers, seconds, whole};
 use crate::image::spacing::{self, ELEMENT_SPACING};
@@ -352,13 +353,13 @@ mod tests {
         let got = sequence(1, &format!("Seq_Frame0000_AToBTransform = {nan}\n")).unwrap();
         let matrix = got.item(0).transforms[0].matrix;
         assert!(matrix[0].is_nan() && matrix[1] == f64::INFINITY);
-        for (value, says) in
+        for (value, expected) in
             [("nan", "finite"), ("inf", "finite"), ("noon", "number of seconds"), ("", "number of seconds")]
         {
             for name in ["Timestamp", "UnfilteredTimestamp"] {
                 let (field, offset, problem) = problem(1, &format!("Seq_Frame0000_{name} = {value}\n"));
                 assert_eq!((field, offset), (format!("Seq_Frame0000_{name}"), 77));
-                assert!(problem.contains(says), "{problem}");
+                assert!(problem.contains(expected), "{problem}");
             }
         }
     }
@@ -406,10 +407,10 @@ mod tests {
             (1, "Seq_Frame0000_FrameNumber = -1\n".into(), "Seq_Frame0000_FrameNumber", 77, "negative"),
             (1, "Seq_Frame0000_FrameNumber = one\n".into(), "Seq_Frame0000_FrameNumber", 77, "not a whole number"),
         ];
-        for (frames, lines, field, offset, says) in cases {
+        for (frames, lines, field, offset, expected) in cases {
             let (f, o, p) = problem(frames, &lines);
             assert_eq!((f.as_str(), o), (field, offset), "{p}");
-            assert!(p.contains(says), "{p:?} does not say {says:?}");
+            assert!(p.contains(expected), "{p:?} does not contain {expected:?}");
         }
     }
 }

@@ -2,8 +2,8 @@
 //! computations use the calibration's own scale.
 
 use crate::Unwritable;
+use crate::image::numbers::list;
 use crate::image::numbers::number;
-use crate::image::write::text::list;
 
 /// Sequence field: pixel spacing along the first and second axis, mm, and the value for the
 /// frame axis if it is not 1. Absent if a file states nothing, or 1 throughout, the usual value
@@ -18,8 +18,8 @@ const PLAIN: [f64; 3] = [1.0; 3];
 
 /// Returns the field's text; `None` for spacings of 1, and for values that are no lengths.
 pub(crate) fn text(spacing: [f64; 3]) -> Option<String> {
-    let said = spacing != PLAIN && spacing.iter().all(|mm| are_apart(*mm));
-    said.then(|| list(if spacing[2] == 1.0 { &spacing[..2] } else { &spacing }))
+    let is_stated = spacing != PLAIN && spacing.iter().all(|mm| are_apart(*mm));
+    is_stated.then(|| list(if spacing[2] == 1.0 { &spacing[..2] } else { &spacing }))
 }
 
 /// Separates the spacing field from the other fields.

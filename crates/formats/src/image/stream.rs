@@ -95,10 +95,10 @@ impl<R: BufRead> PixelStream<R> {
     fn leave_out(&mut self) -> Result<(), Error> {
         let mut scratch = [0; 4096];
         while self.skip > 0 {
-            let wanted = usize::try_from(self.skip).unwrap_or(usize::MAX).min(scratch.len());
+            let count = usize::try_from(self.skip).unwrap_or(usize::MAX).min(scratch.len());
             let filled = match self.encoding {
-                Encoding::Text => self.reader.read(&mut scratch[..wanted]).map_err(|error| self.failed(error))?,
-                _ => self.inflate(&mut scratch[..wanted])?,
+                Encoding::Text => self.reader.read(&mut scratch[..count]).map_err(|error| self.failed(error))?,
+                _ => self.inflate(&mut scratch[..count])?,
             };
             if filled == 0 {
                 return Err(self.data(
@@ -239,7 +239,7 @@ mod tests {
 
     use super::*;
     use crate::image::Content;
-    use crate::image::header::Field;
+    use crate::image::fault::Field;
     use sonoweave_core::reading::PixelType;
 
     fn layout(layers: u64, layer_bytes: usize, pixel: PixelType, big_endian: bool, zlib: bool, data: &[u8]) -> Layout {
@@ -320,19 +320,19 @@ mod tests {
             assert!(offset <= 1000 + cut.len() as u64);
             assert!(problem.contains("ends within the compressed data"), "{problem}");
         }
-        let says = |read: Result<Vec<u8>, Error>, frame: u64, text: &str| match read.unwrap_err() {
+        let expected = |read: Result<Vec<u8>, Error>, frame: u64, text: &str| match read.unwrap_err() {
             Error::Data { frame: f, problem, .. } => assert!(f == frame && problem.contains(text), "{f} {problem}"),
             other => panic!("{other}"),
         };
-        says(all(&whole, &Layout { layers: 5, ..promised.clone() }), 4, "end after 0 of its 50 bytes");
-        says(all(&whole, &Layout { layers: 3, ..promised.clone() }), 2, "more pixels follow the last frame");
+        expected(all(&whole, &Layout { layers: 5, ..promised.clone() }), 4, "end after 0 of its 50 bytes");
+        expected(all(&whole, &Layout { layers: 3, ..promised.clone() }), 2, "more pixels follow the last frame");
         let mut longer = whole.clone();
         longer.push(0);
-        says(all(&longer, &Layout { data_bytes: longer.len() as u64, ..promised.clone() }), 3, "1 bytes follow");
+        expected(all(&longer, &Layout { data_bytes: longer.len() as u64, ..promised.clone() }), 3, "1 bytes follow");
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
-        says(all(&flipped, &promised), 3, "damaged");
-        says(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "has become shorter");
+        expected(all(&flipped, &promised), 3, "damaged");
+        expected(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "has become shorter");
     }
 
     struct Counting<R>(R, Rc<Cell<usize>>);

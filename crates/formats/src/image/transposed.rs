@@ -20,7 +20,12 @@ const BLOCK: usize = 64;
 ///
 /// # Errors
 /// The errors of [`PixelStream::read`].
-pub fn frames<R: BufRead>(reader: R, path: &Path, layout: &Layout, told: Option<&OnRows>) -> Result<Vec<u8>, Error> {
+pub fn frames<R: BufRead>(
+    reader: R,
+    path: &Path,
+    layout: &Layout,
+    progress: Option<&OnRows>,
+) -> Result<Vec<u8>, Error> {
     let [width, height] = layout.size.map(|n| n as usize);
     let frames = layout.layers as usize;
     let pixel = layout.pixel.bytes() * layout.channels as usize;
@@ -47,8 +52,8 @@ pub fn frames<R: BufRead>(reader: R, path: &Path, layout: &Layout, told: Option<
                 }
             }
         }
-        if let Some(told) = told {
-            told(y as u64 + 1, height as u64);
+        if let Some(progress) = progress {
+            progress(y as u64 + 1, height as u64);
         }
     }
     Ok(all)

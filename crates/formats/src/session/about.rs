@@ -3,7 +3,7 @@
 use sonoweave_core::clock::{Clock as _, Monotonic, wall_now_ns};
 use sonoweave_core::{Description, Ticks, Timing};
 
-use crate::session::message::{name_of, named_text, pixel_of, texts};
+use crate::session::names::{name_of, named_text, pixel_of, texts};
 use crate::session::proto::{Fields, Malformed, Reader};
 use crate::session::schema::{OWN, VERSION};
 
@@ -72,7 +72,7 @@ pub struct RecordedDevice {
     /// Name of the device: the first part of its topics.
     pub name: String,
     /// Protocol of its lines, if their bytes are recorded.
-    pub speech: Option<LineProtocol>,
+    pub line_protocol: Option<LineProtocol>,
     /// The device's description of itself.
     pub description: Description,
 }
@@ -83,9 +83,9 @@ impl RecordedDevice {
     pub(super) fn write(&self, to: &mut Vec<u8>) {
         let mut out = Fields::to(to);
         out.text(1, &self.name);
-        if let Some(speech) = &self.speech {
-            out.text(2, &speech.protocol);
-            texts(&mut out, 3, &speech.settings);
+        if let Some(line_protocol) = &self.line_protocol {
+            out.text(2, &line_protocol.protocol);
+            texts(&mut out, 3, &line_protocol.settings);
         }
         let Description { name, items, image_size, pixel, fields, timing } = &self.description;
         out.text(4, name);
@@ -117,15 +117,15 @@ impl RecordedDevice {
     }
 
     pub(super) fn read(message: &[u8]) -> Result<Self, Malformed> {
-        let (mut recorded, mut speech) = (Self::default(), LineProtocol::default());
+        let (mut recorded, mut line_protocol) = (Self::default(), LineProtocol::default());
         let (mut sides, mut pixel, mut timing) = (Vec::new(), (None, 0), Timing::default());
         for field in Reader(message) {
             let (number, value) = field?;
             let description = &mut recorded.description;
             match number {
                 1 => value.text()?.clone_into(&mut recorded.name),
-                2 => value.text()?.clone_into(&mut speech.protocol),
-                3 => speech.settings.push(named_text(value)?),
+                2 => value.text()?.clone_into(&mut line_protocol.protocol),
+                3 => line_protocol.settings.push(named_text(value)?),
                 4 => value.text()?.clone_into(&mut description.name),
                 5 => description.items = Some(value.uint()?),
                 6 => sides.push(value.small()?),
@@ -144,7 +144,7 @@ impl RecordedDevice {
                 _ => {}
             }
         }
-        recorded.speech = (!speech.protocol.is_empty()).then_some(speech);
+        recorded.line_protocol = (!line_protocol.protocol.is_empty()).then_some(line_protocol);
         let description = &mut recorded.description;
         description.image_size = <[u32; 2]>::try_from(sides).ok();
         description.pixel = pixel.0.map(|kind| (kind, pixel.1));

@@ -52,6 +52,7 @@ mod account;
 mod frames;
 mod held;
 pub mod message;
+mod names;
 mod picture;
 mod place;
 mod proto;

@@ -135,7 +135,7 @@ pub struct SessionReader<R = BufReader<File>> {
     at: usize,
     in_chunk: bool,
     /// Damage to report before the next piece.
-    told: Option<Damage>,
+    damage: Option<Damage>,
     /// Damage found when the file was opened.
     first: Vec<Damage>,
     ending: Option<Ending>,
@@ -171,7 +171,7 @@ impl<R: Read + Seek> SessionReader<R> {
             chunk: 0,
             at: 0,
             in_chunk: false,
-            told: None,
+            damage: None,
             first: Vec::new(),
             ending: None,
         };
@@ -241,7 +241,7 @@ impl<R: Read + Seek> SessionReader<R> {
     /// # Errors
     /// [`Error::Io`] when the file cannot be read.
     pub(super) fn return_to(&mut self, chunk: u64) -> Result<(), Error> {
-        (self.in_chunk, self.told, self.ending) = (false, None, None);
+        (self.in_chunk, self.damage, self.ending) = (false, None, None);
         self.first.clear();
         let Self { walker, path, .. } = self;
         walker.return_to(chunk).map_err(|source| Error::Io { path: path.clone(), doing: "reading the session", source })
@@ -292,10 +292,10 @@ impl<R: Read + Seek> SessionReader<R> {
         let until = at + 49 + records.len() as u64;
         if !rest.is_empty() || !is_sound {
             let what = "a chunk with unknown records, or of another program";
-            self.told = Some(Damage { from: at, until, what, is_loss: true });
+            self.damage = Some(Damage { from: at, until, what, is_loss: true });
         } else if met[0] <= met[1] && met != times {
             let what = "a chunk whose header has other times than its messages; no message is concerned";
-            self.told = Some(Damage { from: at, until, what, is_loss: false });
+            self.damage = Some(Damage { from: at, until, what, is_loss: false });
         }
     }
 
@@ -305,7 +305,7 @@ impl<R: Read + Seek> SessionReader<R> {
     /// [`Error::Io`] when the file cannot be read.
     pub fn next_event(&mut self) -> Result<Option<Event<'_>>, Error> {
         let (header, at) = loop {
-            if let Some(damage) = self.first.pop().or_else(|| self.told.take()) {
+            if let Some(damage) = self.first.pop().or_else(|| self.damage.take()) {
                 return Ok(Some(Event::Damage(damage)));
             }
             if self.in_chunk {

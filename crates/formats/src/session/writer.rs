@@ -1,6 +1,7 @@
 //! Writes a session live.
 
-mod channels;
+mod options;
+mod topics;
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -8,7 +9,6 @@ use std::path::{Path, PathBuf};
 use mcap::records::{MessageHeader, Metadata};
 
 use sonoweave_core::Description;
-use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::{Reading, Recorded, Stamp};
 
 use crate::session::about::{About, RecordedDevice};
@@ -19,38 +19,8 @@ use crate::session::picture::Encoder;
 use crate::session::schema::{self, Schema};
 use crate::session::{LineProtocol, PROFILE, place};
 use crate::{Error, Unwritable};
-use channels::{Channel, Device};
-
-/// Options for writing a session.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WriterOptions {
-    /// Program that writes the session, with its version.
-    pub program: String,
-    /// Maximum age of a chunk's first message, ns; the chunk is then closed. It bounds the data
-    /// not yet on the disk.
-    pub chunk_ns: i64,
-    /// Maximum size of a chunk, bytes; the chunk is then closed.
-    pub chunk_bytes: usize,
-    /// Memory used while the disk accepts nothing, bytes. Beyond it frames are dropped; beyond
-    /// a quarter more, everything.
-    pub held_bytes: usize,
-    /// Pause before a failed write is tried again, ns.
-    pub retry_ns: i64,
-}
-
-impl WriterOptions {
-    /// Returns the defaults: chunks of half a second or 4 MB; 64 MB of memory, which is some
-    /// seconds of video.
-    pub fn new(program: &str) -> Self {
-        Self {
-            program: program.to_owned(),
-            chunk_ns: 500 * MS,
-            chunk_bytes: 4 << 20,
-            held_bytes: 64 << 20,
-            retry_ns: SECOND,
-        }
-    }
-}
+pub use options::WriterOptions;
+use topics::{Device, Kind, Topics};
 
 /// Handle of a device in the session being written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,9 +42,7 @@ pub struct SessionWriter {
     tail: Tail,
     devices: Vec<Device>,
     notes: HashMap<String, u16>,
-    /// Indexed by their numbers in the file, which begin at 1.
-    channels: Vec<Channel>,
-    table: Vec<u8>,
+    topics: Topics,
     session: u16,
     losses: u16,
     encoder: Encoder,
@@ -125,8 +93,7 @@ impl SessionWriter {
             tail,
             devices: Vec::new(),
             notes: HashMap::new(),
-            channels: Vec::new(),
-            table: Vec::new(),
+            topics: Topics::default(),
             session: 0,
             losses: 0,
             encoder: Encoder::default(),
@@ -175,7 +142,7 @@ impl SessionWriter {
     pub fn device(
         &mut self,
         name: &str,
-        speech: Option<LineProtocol>,
+        line_protocol: Option<LineProtocol>,
         description: &Description,
         crop: Option<Crop>,
     ) -> Result<Source, Error> {
@@ -184,9 +151,8 @@ impl SessionWriter {
             return Err(Error::Unwritable { path: self.path.clone(), source: Unwritable::DeviceName(name.to_owned()) });
         }
         let about = self.channel(format!("/{name}/about"), &schema::DEVICE)?;
-        let recorded = RecordedDevice { name: name.to_owned(), speech, description: description.clone() };
-        let (frames, raw, counts, transforms, poses) = (None, None, None, None, Vec::new());
-        self.devices.push(Device { recorded, crop, about, frames, raw, counts, transforms, poses });
+        let recorded = RecordedDevice { name: name.to_owned(), line_protocol, description: description.clone() };
+        self.devices.push(Device { recorded, crop, about, channels: Vec::new() });
         let source = Source(self.devices.len() - 1);
         self.announce(source)?;
         Ok(source)
@@ -332,14 +298,13 @@ impl SessionWriter {
         header: &MessageHeader,
         message: &[u8],
     ) -> Result<(), Error> {
-        let known = self.channels.iter().position(|channel| channel.topic == topic);
-        let channel = match known {
-            Some(at) => (at + 1) as u16,
+        let channel = match self.topics.find(topic) {
+            Some(known) => known,
             None => self.channel(topic.to_owned(), schema)?,
         };
         let [log_ns, stamp_ns] = [header.log_time, header.publish_time].map(|ns| i64::try_from(ns).unwrap_or(i64::MAX));
         self.advance(log_ns)?;
-        self.channels[usize::from(channel) - 1].sequence = header.sequence;
+        self.topics.get_mut(channel).sequence = header.sequence;
         self.message.clear();
         self.message.extend_from_slice(message);
         self.put(channel, log_ns, stamp_ns)
@@ -347,7 +312,7 @@ impl SessionWriter {
 
     fn end(&mut self, now_ns: i64) -> Result<(), Error> {
         self.finished = true;
-        self.tell_losses(now_ns)?;
+        self.write_losses(now_ns)?;
         self.file.finish().map_err(|error| refused(&self.path, error))?;
         // The index and the end of the file.
         self.whole();
@@ -416,9 +381,9 @@ impl SessionWriter {
         match done {
             Ok(()) if is_stuck => {
                 tracing::warn!("{}: is written again", self.path.display());
-                let told = self.tell_losses(now_ns);
+                let written = self.write_losses(now_ns);
                 self.account.trouble.clear();
-                told
+                written
             }
             Ok(()) => Ok(()),
             Err(source) => {
@@ -434,9 +399,8 @@ impl SessionWriter {
         }
     }
 
-    fn tell_losses(&mut self, now_ns: i64) -> Result<(), Error> {
-        let channels = &self.channels;
-        let topic_of = |channel: u16| channels[usize::from(channel) - 1].topic.clone();
+    fn write_losses(&mut self, now_ns: i64) -> Result<(), Error> {
+        let topic_of = |channel: u16| self.topics.get(channel).topic.clone();
         let Some(loss) = self.losing.take(&self.account.trouble, topic_of) else { return Ok(()) };
         tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);
         self.message.clear();
@@ -451,7 +415,7 @@ impl SessionWriter {
     }
 
     fn lose(&mut self, channel: u16, bytes: usize, at_ns: i64) {
-        let sequence = &mut self.channels[usize::from(channel) - 1].sequence;
+        let sequence = &mut self.topics.get_mut(channel).sequence;
         *sequence = sequence.wrapping_add(1);
         self.account.messages += 1;
         self.account.lost += 1;
@@ -463,7 +427,7 @@ impl SessionWriter {
         let at_ns = at_ns.max(self.last_ns);
         self.last_ns = at_ns;
         self.begin()?;
-        let known = &mut self.channels[usize::from(channel) - 1];
+        let known = self.topics.get_mut(channel);
         let sequence = known.sequence;
         known.sequence = sequence.wrapping_add(1);
         let [log_time, publish_time] = [at_ns, stamp_ns].map(|ns| u64::try_from(ns).unwrap_or(0));
@@ -480,7 +444,43 @@ impl SessionWriter {
             return Ok(());
         }
         self.chunk_ns = Some(self.last_ns);
-        self.tell_channels()
+        self.topics.write_table(&mut self.file).map_err(|error| refused(&self.path, error))
+    }
+
+    /// Creates a channel and writes its description to the file.
+    fn channel(&mut self, topic: String, schema: &'static Schema) -> Result<u16, Error> {
+        self.begin()?;
+        self.topics.add(&mut self.file, topic, schema).map_err(|error| refused(&self.path, error))
+    }
+
+    /// Returns the channel of a device's reading, created for the first one.
+    fn channel_of(&mut self, Source(at): Source, reading: &Reading) -> Result<u16, Error> {
+        let kind = match reading {
+            Reading::Frame(_) => Kind::Image,
+            Reading::Raw(_) => Kind::Raw,
+            Reading::Counts(_) => Kind::Counts,
+            Reading::NamedTransform(_) => Kind::Transform,
+            Reading::Pose(pose) => Kind::Pose(pose.station),
+            Reading::Recorded(note) => return self.note_channel(&note.topic),
+        };
+        let device = &self.devices[at];
+        if let Some((_, channel)) = device.channels.iter().find(|(known, _)| *known == kind) {
+            return Ok(*channel);
+        }
+        let topic = format!("/{}/{kind}", device.recorded.name);
+        let channel = self.channel(topic, message::schema_of(reading))?;
+        self.devices[at].channels.push((kind, channel));
+        Ok(channel)
+    }
+
+    /// Returns the channel of notes of this kind.
+    fn note_channel(&mut self, kind: &str) -> Result<u16, Error> {
+        if let Some(channel) = self.notes.get(kind) {
+            return Ok(*channel);
+        }
+        let channel = self.channel(format!("/note/{kind}"), &schema::NOTE)?;
+        self.notes.insert(kind.to_owned(), channel);
+        Ok(channel)
     }
 }
 

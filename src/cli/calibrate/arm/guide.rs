@@ -10,8 +10,9 @@ use config::bedside::Tracking;
 use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
+use super::arguments::Arguments;
 use super::session::role;
-use super::{Arguments, Work};
+use super::work::Work;
 use crate::cli::Failure;
 
 /// Records the configured arm until its touches determine it well enough.
@@ -42,7 +43,7 @@ struct Touching<'a> {
 }
 
 impl Guide for Touching<'_> {
-    fn hear(&mut self, _: usize, live: Live) {
+    fn add(&mut self, _: usize, live: Live) {
         if let Live::Pose { sample, .. } = live
             && sample.invalid.is_none()
         {
@@ -55,22 +56,22 @@ impl Guide for Touching<'_> {
         if self.readings.is_empty() {
             return Advice::missing("waiting for a homed arm");
         }
-        self.judged().unwrap_or_else(|Failure(why)| Advice::missing(why))
+        self.fitted_advice().unwrap_or_else(|Failure(why)| Advice::missing(why))
     }
 }
 
 impl Touching<'_> {
-    fn judged(&self) -> Result<Advice, Failure> {
+    fn fitted_advice(&self) -> Result<Advice, Failure> {
         let Work { arguments, session } = self.work;
         let touched = arguments.which.touches(session, &self.arm, &self.readings, arguments.places.read()?)?;
         let known = touched.known();
         let fitted = fit(&self.arm, &known, &touched.touches, &self.work.options(&self.arm, &touched))?;
         let most = Reach::of(&fitted).most_mm;
-        let says = format!(
+        let message = format!(
             "{}: the tip is known to {most:.2} mm at worst, the goal is {} mm; touch on, with the arm bent differently each time",
             touched.words(),
             arguments.goal
         );
-        Ok(Advice::at((arguments.goal / most).powi(2), says))
+        Ok(Advice::at((arguments.goal / most).powi(2), message))
     }
 }

@@ -23,7 +23,7 @@ fn digits(sd: f64) -> usize {
 pub(super) struct Results<'a> {
     pub(super) touched: &'a Touched,
     pub(super) counts: &'a Counts,
-    pub(super) seat_mm: f64,
+    pub(super) tip_sd_mm: f64,
 }
 
 /// A fitted number.
@@ -65,9 +65,10 @@ pub(super) struct FitReport<'a> {
     found: Vec<NumberReport>,
     rms_mm: f64,
     most_mm: f64,
-    /// Ratio of the residuals to the seat's error.
+    /// Ratio of the residuals to the tip's repeatability in a divot.
     spread: f64,
-    seat_mm: f64,
+    #[serde(rename = "seat_mm")]
+    tip_sd_mm: f64,
     limit_mm: f64,
     condition: f64,
     tip_mm: [f64; 2],
@@ -84,7 +85,8 @@ pub(super) struct CheckReport<'a> {
     rms_mm: f64,
     most_mm: f64,
     fit_rms_mm: Option<f64>,
-    seat_mm: f64,
+    #[serde(rename = "seat_mm")]
+    tip_sd_mm: f64,
     changed: bool,
     slipped: Option<NumberReport>,
     advice: String,
@@ -103,12 +105,12 @@ impl<'a> FitReport<'a> {
             rms_mm,
             most_mm,
             spread,
-            seat_mm: results.seat_mm,
+            tip_sd_mm: results.tip_sd_mm,
             limit_mm,
             condition,
             tip_mm: fitted.tip_mm.to_array(),
             predicted_error: reach,
-            touches: results.told(&fitted.residuals_mm, &fitted.outliers),
+            touches: results.touches(&fitted.residuals_mm, &fitted.outliers),
         }
     }
 }
@@ -123,17 +125,17 @@ impl<'a> CheckReport<'a> {
             rms_mm,
             most_mm,
             fit_rms_mm,
-            seat_mm: results.seat_mm,
+            tip_sd_mm: results.tip_sd_mm,
             changed,
             slipped: checked.slipped.as_ref().map(NumberReport::from),
             advice: checked.advice(),
-            touches: results.told(&checked.residuals_mm, &[]),
+            touches: results.touches(&checked.residuals_mm, &[]),
         }
     }
 }
 
 impl Results<'_> {
-    fn told(&self, residuals_mm: &[f64], outliers: &[usize]) -> Vec<TouchReport> {
+    fn touches(&self, residuals_mm: &[f64], outliers: &[usize]) -> Vec<TouchReport> {
         let of = |(at, off_mm): (usize, &f64)| {
             let [from_s, to_s] = self.touched.time_s(at);
             TouchReport { of: self.touched.name(at), from_s, to_s, off_mm: *off_mm, outlier: outliers.contains(&at) }
@@ -142,7 +144,7 @@ impl Results<'_> {
     }
 
     fn lines(&self, residuals_mm: &[f64], outliers: &[usize], text: &mut String) {
-        for TouchReport { of, from_s, to_s, off_mm, outlier } in self.told(residuals_mm, outliers) {
+        for TouchReport { of, from_s, to_s, off_mm, outlier } in self.touches(residuals_mm, outliers) {
             let left_out = if outlier { ", left out: it lies far from all others" } else { "" };
             // Writing to a string does not fail.
             let _ = writeln!(text, "  {of:24} {off_mm:.3} mm off, {from_s:.1} to {to_s:.1} s{left_out}");

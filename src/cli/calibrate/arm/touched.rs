@@ -127,7 +127,7 @@ impl Which {
         }
         let numbered = (1..).zip(rests.iter().copied()).filter(|(number, _)| !self.skip.contains(number));
         let kept: Vec<(usize, Rest)> = numbered.collect();
-        let told = || format!("; leave out by --skip the rests that were no touches{}", listed(&rests));
+        let advice = || format!("; leave out by --skip the rests that were no touches{}", listed(&rests));
         let (place, of): (Place, Vec<usize>) = match place {
             Place::Point => (Place::Point, vec![0; kept.len()]),
             Place::Divots(divots) if self.order.is_empty() => {
@@ -136,7 +136,7 @@ impl Which {
                         "the joints rested {} times, which is no whole number of rounds over {} divots; give the divot of each touch by --order{}",
                         kept.len(),
                         divots.len(),
-                        told()
+                        advice()
                     )));
                 }
                 let of = (0..kept.len()).map(|touch| touch % divots.len()).collect();
@@ -148,7 +148,7 @@ impl Which {
                         "--order gives the divots of {} touches, but the joints rested {} times{}",
                         self.order.len(),
                         kept.len(),
-                        told()
+                        advice()
                     )));
                 }
                 let of = self.order.iter().map(|number| number.checked_sub(1));
@@ -162,7 +162,7 @@ impl Which {
                         "the joints rested {} times, but each of {} distances takes two touches{}",
                         kept.len(),
                         if distances.len() == 1 { pairs } else { distances.len() },
-                        told()
+                        advice()
                     )));
                 }
                 let all = if distances.len() == 1 { vec![distances[0]; pairs] } else { distances };
@@ -216,10 +216,10 @@ impl Touched {
 
 /// Lists the joints' rests, for the end of a refusal.
 fn listed(rests: &[Rest]) -> String {
-    let told = rests.iter().take(LISTED).zip(1..);
-    let told: Vec<String> =
-        told.map(|(rest, number)| format!("{number} at {:.1} to {:.1} s", rest.time_s[0], rest.time_s[1])).collect();
+    let some = rests.iter().take(LISTED).zip(1..);
+    let some: Vec<String> =
+        some.map(|(rest, number)| format!("{number} at {:.1} to {:.1} s", rest.time_s[0], rest.time_s[1])).collect();
     let more = rests.len().saturating_sub(LISTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    format!(" (rests: {}{more})", told.join(", "))
+    format!(" (rests: {}{more})", some.join(", "))
 }

@@ -12,29 +12,29 @@ use crate::cli::Failure;
 /// Evaluates all poses so far at each step, in the same way as the final recording.
 struct PoseGuide<J> {
     tracks: Tracks,
-    judge: J,
+    advise: J,
 }
 
 impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
-    fn hear(&mut self, device: usize, live: Live) {
-        self.tracks.take(device, live);
+    fn add(&mut self, device: usize, live: Live) {
+        self.tracks.add(device, live);
     }
 
     fn advise(&mut self) -> Advice {
         if self.tracks.is_empty() {
             return Advice::missing("waiting for the tracker's poses");
         }
-        (self.judge)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
+        (self.advise)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
     }
 }
 
-/// Returns the recording. If it is still to be made, records it now, guided by `judge`.
+/// Returns the recording. If it is still to be made, records it now, guided by `advise`.
 ///
 /// # Errors
 /// [`Failure`] when the recording cannot be made.
 pub(in crate::cli::calibrate) fn gathered(
     recording: &Recording,
-    judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
+    advise: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
     let Some(path) = recording.gathering.of(recording.source.live.as_ref())? else {
         return Ok(Cow::Borrowed(recording));
@@ -42,7 +42,7 @@ pub(in crate::cli::calibrate) fn gathered(
     let Gathered { session, from_s } = lead(path, &recording.gathering, |bedside| {
         let mut roles = without_latency(bedside)?;
         roles.truncate(GRABBER);
-        Ok((PoseGuide { tracks: Tracks::of_instruments(&roles, bedside), judge }, roles))
+        Ok((PoseGuide { tracks: Tracks::of_roles(&roles, bedside), advise }, roles))
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

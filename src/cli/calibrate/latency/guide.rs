@@ -9,9 +9,8 @@ use calibration::latency::motion::{Motion, PoseSample};
 use config::bedside::devices::PROBE_FRAME;
 use sync::ingest::live::Live;
 
-use super::super::guide::{Advice, Guide, lead};
+use super::super::guide::{Advice, Gathering, Guide, lead};
 use super::super::recorded::{Tracks, without_latency};
-use super::Arguments;
 use crate::cli::Failure;
 
 /// Motion that determines a lag well: distance, mm, number of turning points, and duration, s.
@@ -23,12 +22,12 @@ const LONG_S: f64 = 12.0;
 ///
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
-pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
+pub(super) fn gathered(bedside: &Path, gathering: &Gathering) -> Result<PathBuf, Failure> {
     let begin = |bedside: &_| {
         let roles = without_latency(bedside)?;
-        Ok((UpAndDown { tracks: Tracks::of_instruments(&roles, bedside) }, roles))
+        Ok((UpAndDown { tracks: Tracks::of_roles(&roles, bedside) }, roles))
     };
-    Ok(lead(bedside, &arguments.gathering, begin)?.session)
+    Ok(lead(bedside, gathering, begin)?.session)
 }
 
 struct UpAndDown {
@@ -36,8 +35,8 @@ struct UpAndDown {
 }
 
 impl Guide for UpAndDown {
-    fn hear(&mut self, device: usize, live: Live) {
-        self.tracks.take(device, live);
+    fn add(&mut self, device: usize, live: Live) {
+        self.tracks.add(device, live);
     }
 
     fn advise(&mut self) -> Advice {
@@ -64,11 +63,11 @@ impl Guide for UpAndDown {
 
 fn of(motion: &Motion, seconds: f64) -> Advice {
     let shares = [motion.extent_mm / FAR_MM, motion.turns as f64 / TURNS, seconds / LONG_S];
-    let says = format!(
+    let message = format!(
         "moved by {:.0} of {FAR_MM:.0} mm, reversed {} of {TURNS:.0} times, for {seconds:.0} of {LONG_S:.0} s; move up and down, unevenly",
         motion.extent_mm, motion.turns
     );
-    Advice::at(shares.into_iter().fold(1.0, f64::min), says)
+    Advice::at(shares.into_iter().fold(1.0, f64::min), message)
 }
 
 #[cfg(test)]

@@ -10,9 +10,12 @@ use calibration::latency::floor::{FloorLag, Tried};
 use calibration::latency::stamps::Reading;
 
 use super::super::outputs::{Input, Outputs};
-use super::OTHER;
 use super::source::Source;
 use crate::cli::Failure;
+
+/// Difference between the found lag and a recording's pairing lag at which a note is printed,
+/// standard errors.
+const OTHER: f64 = 3.0;
 
 /// Result of the method used.
 pub(super) enum Found {

@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use calibration::latency::floor::FloorPose;
 use calibration::latency::motion::PoseSample;
-use calibration::latency::poses::Poses;
+use calibration::latency::pose_spline::PoseSpline;
 use calibration::latency::stamps::Stamps;
 use config::Settings;
 use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
@@ -20,7 +20,7 @@ use sync::history::PoseSample as Measured;
 use sync::pairing::stamped::RIGID_TOLERANCE;
 use sync::survey;
 
-use super::super::recorded::{Recorded, Shown, Tracks, Unfit, each, seconds, stamps};
+use super::super::recorded::{GreyImage, Recorded, Tracks, Unfit, each, seconds, stamps};
 use crate::cli::Failure;
 
 /// Video frames and poses.
@@ -62,17 +62,17 @@ impl Source {
         Some((bedside.tracking.latency_ns() - bedside.grabber.latency_ns) as f64 * 1e-6)
     }
 
-    /// Passes every video frame with its time stamps to `take`; returns the unusable ones.
+    /// Passes every video frame with its time stamps to `visit`; returns the unusable ones.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or its video frames are not in 8 bits or
     /// have no times.
     pub(super) fn pictures(
         &self,
-        mut take: impl FnMut(Shown<'_>, Stamps) -> Result<(), Failure>,
+        mut visit: impl FnMut(GreyImage<'_>, Stamps) -> Result<(), Failure>,
     ) -> Result<Unfit, Failure> {
-        self.video.pictures(|shown| match shown.stamps {
-            Some(stamps) => take(shown, stamps),
+        self.video.pictures(|image| match image.stamps {
+            Some(stamps) => visit(image, stamps),
             None => Err(Failure(format!(
                 "{}: its frames have no time stamps; record them with time stamps",
                 self.video.path().display()
@@ -184,7 +184,7 @@ fn against(probe: &[PoseSample], reference: &[PoseSample]) -> Result<Vec<PoseSam
     if reference.is_empty() {
         return Ok(probe.to_vec());
     }
-    let reference = Poses::new(reference)?;
+    let reference = PoseSpline::new(reference)?;
     let of = |own: &PoseSample| {
         let turned =
             reference.at(own.time_s)?.inverse() * DAffine3::from_rotation_translation(own.rotation, own.position_mm);
@@ -230,7 +230,7 @@ fn rigid(transform: &NamedTransform) -> Option<DAffine3> {
 
 /// Reads every transform of a sequence, with its item's number if the source counts items.
 /// Returns all names.
-fn transforms(path: &Path, mut take: impl FnMut(&NamedTransform, Option<u64>)) -> Result<Vec<String>, Failure> {
+fn transforms(path: &Path, mut visit: impl FnMut(&NamedTransform, Option<u64>)) -> Result<Vec<String>, Failure> {
     let mut numbers = std::collections::HashMap::new();
     each(path, false, |reading| {
         if let Reading::Frame(frame) = &reading
@@ -247,7 +247,7 @@ fn transforms(path: &Path, mut take: impl FnMut(&NamedTransform, Option<u64>)) -
             if !names.contains(&name) {
                 names.push(name);
             }
-            take(transform, numbers.get(&transform.stamp.item).copied());
+            visit(transform, numbers.get(&transform.stamp.item).copied());
         }
         Ok(())
     })?;

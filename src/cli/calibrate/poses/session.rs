@@ -8,7 +8,8 @@ use sonoweave_core::frames::{Reference, Stylus, Transform};
 use sonoweave_core::refusal::{Reason, Refusal};
 
 use super::super::recorded::Tracks;
-use super::{Poses, Recording};
+use super::recording::Recording;
+use super::samples::Poses;
 use crate::cli::Failure;
 use crate::cli::live::stages::Kept;
 

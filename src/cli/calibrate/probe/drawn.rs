@@ -12,8 +12,8 @@ use super::report::{Frames, ProbeReport};
 const LONGER: f64 = 10.0;
 
 /// Returns the images to show: the one with the median error, and the worst.
-pub(super) fn telling(told: &ProbeReport) -> Vec<usize> {
-    let mut by_error: Vec<(f64, usize)> = told.per_frame.iter().copied().zip(told.frame.iter().copied()).collect();
+pub(super) fn listed_frames(errors: &ProbeReport) -> Vec<usize> {
+    let mut by_error: Vec<(f64, usize)> = errors.per_frame.iter().copied().zip(errors.frame.iter().copied()).collect();
     by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
     let places = [by_error.len() / 2, by_error.len().saturating_sub(1)];
     let mut frames: Vec<usize> = places.into_iter().filter_map(|at| Some(by_error.get(at)?.1)).collect();
@@ -29,10 +29,10 @@ pub(super) fn verdict(
     frames: &Frames,
     pixel_mm: [f64; 2],
 ) {
-    let good = held.is_some_and(|told| told.mean <= limit_mm);
+    let good = held.is_some_and(|errors| errors.mean <= limit_mm);
     let held = held.map_or_else(
         || "no frames were left for validation".to_owned(),
-        |told| format!("{:.2} mm {of}; limit {limit_mm} mm)", told.mean),
+        |errors| format!("{:.2} mm {of}; limit {limit_mm} mm)", errors.mean),
     );
     let word = if good { "Accepted" } else { "Not proven" };
     page.verdict(good, &format!("{word}: {held}. A point is known to {centre:.2} mm at the image's centre and {corner:.2} mm at its worst corner (one standard deviation)."));
@@ -58,10 +58,10 @@ pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
 /// Writes the errors as a table.
 pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&ProbeReport>)]) {
     page.part("Errors, mm");
-    let row = |(what, told): &(&str, Option<&ProbeReport>)| {
-        let told = (*told)?;
-        let numbers = [told.mean, told.sd, told.rms, told.max, told.mean_of_95].map(|x| format!("{x:.3}"));
-        let ends = [(*what).to_owned(), told.count.to_string()];
+    let row = |(what, errors): &(&str, Option<&ProbeReport>)| {
+        let errors = (*errors)?;
+        let numbers = [errors.mean, errors.sd, errors.rms, errors.max, errors.mean_of_95].map(|x| format!("{x:.3}"));
+        let ends = [(*what).to_owned(), errors.count.to_string()];
         let [what, count] = ends;
         Some([what].into_iter().chain(numbers).chain([count]).collect::<Vec<_>>())
     };
@@ -100,9 +100,9 @@ pub(super) fn over_the_picture(
 }
 
 /// Draws each image's error.
-pub(super) fn bars(page: &mut Page, told: &ProbeReport, limit_mm: f64, about: &str, caption: &str) {
-    let limit = (told.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
-    let bars = Bars { values: &told.per_frame, unit: "mm", along: "frames", limit };
+pub(super) fn bars(page: &mut Page, errors: &ProbeReport, limit_mm: f64, about: &str, caption: &str) {
+    let limit = (errors.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
+    let bars = Bars { values: &errors.per_frame, unit: "mm", along: "frames", limit };
     page.figure(&bars.svg(about), caption);
 }
 

@@ -70,13 +70,13 @@ mod tests {
         // The lag is negative: the poses come earlier than the images.
         assert!((written.tracker_ms - 19.8).abs() < 1e-9, "{}", written.tracker_ms);
         assert!(lag(0.002, Some(known(Some(2.0)))).latency().is_some(), "the same once more");
-        for (unfit, says) in [
+        for (unfit, expected) in [
             (lag(0.0051, None), "its error of 5.1 ms"),
             (lag(0.002, Some(known(Some(1.9)))), "an error of 1.9 ms"),
             (lag(0.002, Some(known(None))), "without an error"),
             (Lag::new([1.2, 0.001], 0.0, None), "a latency of 1200 ms"),
         ] {
-            assert!(unfit.latency().is_none() && unfit.text().contains(says), "{}", unfit.text());
+            assert!(unfit.latency().is_none() && unfit.text().contains(expected), "{}", unfit.text());
         }
     }
 }

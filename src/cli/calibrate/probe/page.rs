@@ -6,17 +6,17 @@ use export::page::Page;
 use export::page::plate::{Ink, Plate};
 
 use super::drawn;
-use super::recording::Shown;
+use super::recording::StoredImage;
 use super::report::{PictureReport, Report, YOU};
 
 impl Report {
     /// Returns the images to show.
-    pub(super) fn telling(&self) -> Vec<usize> {
-        drawn::telling(&self.wire_error_mm)
+    pub(super) fn listed_frames(&self) -> Vec<usize> {
+        drawn::listed_frames(&self.wire_error_mm)
     }
 
-    /// Makes the page; `shown` are the images of [`Self::telling`].
-    pub(super) fn page(&self, shown: &[Shown], limit_mm: f64) -> String {
+    /// Makes the page; `images` are those of [`Self::listed_frames`].
+    pub(super) fn page(&self, images: &[StoredImage], limit_mm: f64) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.input.name()));
         self.verdict(&mut page, limit_mm);
         drawn::errors(
@@ -33,7 +33,7 @@ impl Report {
             ],
         );
         page.part("Detections");
-        let figures: Vec<_> = shown.iter().filter_map(|shown| self.seen(shown)).collect();
+        let figures: Vec<_> = images.iter().filter_map(|image| self.seen(image)).collect();
         page.figures(&figures);
         page.note("Green rings: used dots, by their wires. Dashed red: dots that the others contradict. Orange crosses: the wires by the calibration.");
         let used = self.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used);
@@ -75,18 +75,18 @@ impl Report {
     }
 
     /// Draws one image and its dots.
-    fn seen(&self, shown: &Shown) -> Option<(String, String)> {
-        let picture = self.pictures.iter().find(|picture| picture.frame == shown.frame)?;
+    fn seen(&self, image: &StoredImage) -> Option<(String, String)> {
+        let picture = self.pictures.iter().find(|picture| picture.frame == image.frame)?;
         let mut plate = Plate::new(self.image_size_px);
-        plate.picture(&shown.grey);
+        plate.picture(&image.grey);
         for dot in &picture.dots {
             let ink = if dot.used { Ink::Used } else { Ink::LeftOut };
             plate.ring(DVec2::from_array(dot.seen_px), ink, &dot.wire);
             plate.cross(DVec2::from_array(dot.expected_px), Ink::Expected);
         }
         let error = mean_off(picture);
-        let svg = plate.svg(&format!("frame {} of the recording with its dots", shown.frame));
-        Some((svg, format!("Frame {}: {error:.2} mm on average.", shown.frame)))
+        let svg = plate.svg(&format!("frame {} of the recording with its dots", image.frame));
+        Some((svg, format!("Frame {}: {error:.2} mm on average.", image.frame)))
     }
 
     fn wires_table(&self, page: &mut Page) {

@@ -10,7 +10,7 @@ use mask::{Mask, MaskSettings};
 use sonoweave_core::region::ClipRect;
 
 use super::super::super::{Failure, input};
-use super::super::recorded::{self, Recorded, Tracked, data};
+use super::super::recorded::{GreyImage, Recorded, Tracked, data};
 
 /// Observations from a recording.
 pub(super) struct Observed<S = Dots> {
@@ -25,28 +25,28 @@ pub(super) struct Observed<S = Dots> {
 }
 
 impl<S> Observed<S> {
-    /// Looks at all images of a recording, which must have one size.
+    /// Observes all images of a recording, which must have one size.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be read, or holds no grey images of 8 bits.
     pub(super) fn new(
         recorded: &Recorded,
         tracked: &Tracked,
-        mut see: impl FnMut(&recorded::Shown<'_>) -> Result<S, Failure>,
+        mut observe: impl FnMut(&GreyImage<'_>) -> Result<S, Failure>,
     ) -> Result<Self, Failure> {
         let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
-        let bar = input::progress("looking", tracked.pictures());
+        let bar = input::progress("searching", tracked.pictures());
         let (mut observations, mut size_px, mut timed, mut first_refusal) = (Vec::new(), None, true, None);
-        let unfit = recorded.pictures(|shown| {
+        let unfit = recorded.pictures(|image| {
             bar.inc(1);
-            let size = *size_px.get_or_insert(shown.size);
-            if shown.size != size {
-                return Err(within(sizes(size, shown.size)));
+            let size = *size_px.get_or_insert(image.size);
+            if image.size != size {
+                return Err(within(sizes(size, image.size)));
             }
-            timed &= shown.stamps.is_some();
-            let seen = see(&shown).map_err(|Failure(why)| within(why))?;
-            let poses = tracked.at(&shown).map_err(|why| first_refusal.get_or_insert(why)).ok();
-            observations.push(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses });
+            timed &= image.stamps.is_some();
+            let seen = observe(&image).map_err(|Failure(why)| within(why))?;
+            let poses = tracked.at(&image).map_err(|why| first_refusal.get_or_insert(why)).ok();
+            observations.push(Observation { frame: number(image.frame), time_s: image.time_s(), seen, poses });
             Ok(())
         })?;
         bar.finish_and_clear();
@@ -75,8 +75,8 @@ fn sizes(first: [u32; 2], other: [u32; 2]) -> String {
     format!("its frames have several sizes, {a}×{b} and {c}×{d} pixels; record frames of one size")
 }
 
-/// An image to show.
-pub(super) struct Shown {
+/// An image for a report's page.
+pub(super) struct StoredImage {
     /// Its number in the recording.
     pub(super) frame: usize,
     /// Its grey values, row by row.
@@ -87,18 +87,18 @@ pub(super) struct Shown {
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read.
-pub(super) fn pictures(recorded: &Recorded, frames: &[usize]) -> Result<Vec<Shown>, Failure> {
-    let mut shown = Vec::new();
+pub(super) fn pictures(recorded: &Recorded, frames: &[usize]) -> Result<Vec<StoredImage>, Failure> {
+    let mut images = Vec::new();
     recorded.pictures(|picture| {
         let frame = number(picture.frame);
         if frames.contains(&frame) {
-            shown.push(Shown { frame, grey: picture.pixels.to_vec() });
+            images.push(StoredImage { frame, grey: picture.pixels.to_vec() });
         }
         Ok(())
     })?;
     // In the requested order.
-    shown.sort_by_key(|shown| frames.iter().position(|frame| *frame == shown.frame));
-    Ok(shown)
+    images.sort_by_key(|image| frames.iter().position(|frame| *frame == image.frame));
+    Ok(images)
 }
 
 /// Reads a recording.
@@ -113,24 +113,24 @@ pub(super) fn observe(
     clip: Option<ClipRect>,
 ) -> Result<Observed, Failure> {
     let tracked = recorded.tracked(&frames.probe, &frames.reference)?;
-    let mut looker = Looker::new(layout, clip, recorded.bedside().map(|bedside| bedside.mask));
-    Observed::new(recorded, &tracked, |shown| looker.look(shown.size, &shown.view()?))
+    let mut finder = WireFinder::new(layout, clip, recorded.bedside().map(|bedside| bedside.mask));
+    Observed::new(recorded, &tracked, |image| finder.find(image.size, &image.view()?))
 }
 
 /// Searches images, all of one size, for a phantom's wires.
-pub(super) struct Looker<'a> {
+pub(super) struct WireFinder<'a> {
     layout: &'a Layout,
     clip: Option<ClipRect>,
     mask: Option<MaskSettings>,
     region: Option<Region>,
-    finder: DotFinder,
+    dots: DotFinder,
     matcher: Matcher,
 }
 
-impl<'a> Looker<'a> {
+impl<'a> WireFinder<'a> {
     /// Searches the given part, else the region of data.
     pub(super) fn new(layout: &'a Layout, clip: Option<ClipRect>, mask: Option<MaskSettings>) -> Self {
-        Self { layout, clip, mask, region: None, finder: DotFinder::new(), matcher: Matcher::new() }
+        Self { layout, clip, mask, region: None, dots: DotFinder::new(), matcher: Matcher::new() }
     }
 
     /// Returns the images' size, once there is one.
@@ -142,12 +142,12 @@ impl<'a> Looker<'a> {
     ///
     /// # Errors
     /// [`Failure`] for an image of another size than the first.
-    pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<Dots, Failure> {
+    pub(super) fn find(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<Dots, Failure> {
         let region = Region::within(&mut self.region, self.mask, self.clip, size)?;
         if size != region.size {
             return Err(Failure(sizes(region.size, size)));
         }
-        let mut dots = self.finder.find(view, region.clip).to_vec();
+        let mut dots = self.dots.find(view, region.clip).to_vec();
         dots.retain(|dot| region.holds(dot.at_px));
         let reading = self.matcher.read(&dots, size, self.layout);
         Ok(Dots { dots, reading })

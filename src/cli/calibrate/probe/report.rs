@@ -74,7 +74,8 @@ pub(super) struct Report {
     /// Used dots of each wire, relative to the wire's expected position.
     pub(super) wires: Vec<WireReport>,
     pub(super) pictures: Vec<PictureReport>,
-    pub(super) looked_s: f64,
+    #[serde(rename = "looked_s")]
+    pub(super) searched_s: f64,
     pub(super) solved_s: f64,
 }
 
@@ -248,7 +249,7 @@ impl Frames {
     }
 
     /// Formats the counts for people: `80 of 100 frames used (20 no valid pose)`.
-    pub(super) fn told(&self, of: &str) -> String {
+    pub(super) fn text(&self, of: &str) -> String {
         let reasons: Vec<String> = self.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
         let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
         format!("{} of {} frames{of} used{reasons}", self.used, self.total)
@@ -322,13 +323,13 @@ impl Report {
             next_view: None,
             wires: wires.iter().enumerate().filter_map(|(wire, about)| of_wire(found, wire, &about.name)).collect(),
             pictures: pictures.collect(),
-            looked_s: 0.0,
+            searched_s: 0.0,
             solved_s: 0.0,
         }
     }
 
-    pub(super) fn took(self, looked_s: f64, solved_s: f64) -> Self {
-        Self { looked_s, solved_s, ..self }
+    pub(super) fn took(self, searched_s: f64, solved_s: f64) -> Self {
+        Self { searched_s, solved_s, ..self }
     }
 
     pub(super) fn with_lag(self, latency: Option<Lag>) -> Self {
@@ -364,8 +365,8 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     let frames = frames(found);
     let [size_u, size_v] = refined.plane.pixel_mm();
     // Writing to a string does not fail.
-    let told = frames.told(&format!(" of the phantom {}", layout.geometry().name()));
-    let _ = writeln!(text, "{told}; a pixel is {size_u:.5} × {size_v:.5} mm");
+    let counts = frames.text(&format!(" of the phantom {}", layout.geometry().name()));
+    let _ = writeln!(text, "{counts}; a pixel is {size_u:.5} × {size_v:.5} mm");
     let line = |text: &mut String, what: &str, errors: &Errors| {
         let Errors { mean, sd, rms, max, mean_of_95, .. } = errors;
         let _ = writeln!(

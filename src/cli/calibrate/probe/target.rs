@@ -1,60 +1,31 @@
 //! A probe's calibration by a point, a stylus or a plane.
 
+mod detector;
+mod flags;
 mod guide;
-mod look;
+mod observe;
 mod page;
 mod report;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
-
-use clap::Args;
-use glam::DVec2;
 
 use calibration::error::{CalibrationError, ProbeError};
 use calibration::file::preset::Quality;
 use calibration::probe::target::{Calibration, Seen, Target, calibrate};
 use calibration::probe::{Observation, Recording};
 
-use super::super::super::{Failure, values};
+use super::super::super::Failure;
 use super::super::outputs::{Input, print};
 use super::super::tip::tip;
 use super::again::again;
+use super::arguments::{Arguments, Made, Method};
 use super::lag::Lag;
 use super::recording::{Observed, pictures};
-use super::{Arguments, Made, Method};
-use look::{Names, look};
-use report::{Inputs, Report, text};
 
-/// Flags of the methods that need no phantom file.
-#[derive(Debug, Args)]
-pub(super) struct Flags {
-    /// Stylus tip, for --method stylus: a calibration file (TOML) or a PLUS XML with
-    /// StylusTipToStylus
-    #[arg(long, value_name = "FILE")]
-    stylus_tip: Option<PathBuf>,
-    /// Name of the frame of the stylus's sensor
-    #[arg(long, value_name = "NAME", default_value = "Stylus")]
-    stylus: String,
-    /// Error of the tip's position on the stylus along each axis, mm (one standard deviation)
-    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
-    tip_error: f64,
-    /// Name of the frame in which the point or the plane rests [default: Reference if the
-    /// recording has one, else Tracker]
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-}
-
-impl Flags {
-    /// Returns a given flag that the phantom's method has no use for, if any.
-    pub(super) fn given(&self) -> Option<&'static str> {
-        match () {
-            () if self.stylus_tip.is_some() => Some("--stylus-tip"),
-            () if self.reference.is_some() => Some("--reference"),
-            () => None,
-        }
-    }
-}
+pub(super) use flags::Flags;
+use observe::{Names, observe};
+use report::{Inputs, Report, ends, text};
 
 /// Runs the command by one of these methods.
 ///
@@ -85,13 +56,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let (seen, reference) = look(&recorded, names, *clip, is_plane)?;
-    let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
+    let (seen, reference) = observe(&recorded, names, *clip, is_plane)?;
+    let second = arguments.second(&recorded)?.map(|second| observe(&second, names, *clip, is_plane)).transpose()?;
     let second = second.map(|(second, _)| second);
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its frames differ in size from the second recording's".into()));
     }
-    let looked_s = began.elapsed().as_secs_f64();
+    let searched_s = began.elapsed().as_secs_f64();
     let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording)).map_err(|e| {
         let disagree = matches!(e, CalibrationError::Probe(ProbeError::Disagree { .. }));
         let clip = if disagree { "; --clip limits the search to a part of the image" } else { "" };
@@ -105,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             errors.mean
         )));
     }
-    let solved_s = began.elapsed().as_secs_f64() - looked_s;
+    let solved_s = began.elapsed().as_secs_f64() - searched_s;
     let inputs = Inputs {
         input: Input::of(path)?,
         stylus_tip: tip_file.map(Input::of).transpose()?,
@@ -131,13 +102,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .wants_report()
         .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
     let report =
-        Report::new(&found, inputs, *method, reference, *limit).took(looked_s, solved_s).again(again.flatten());
+        Report::new(&found, inputs, *method, reference, *limit).took(searched_s, solved_s).again(again.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    let page = || Ok(report.page(&pictures(&recorded, &report.telling())?));
+    let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?));
     outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
-    print(&(text + &of_lag + &outputs.told()))
+    print(&(text + &of_lag + &outputs.summary()))
 }
 
 impl Arguments {
@@ -177,10 +148,4 @@ fn quality(found: &Calibration) -> Quality {
         centre_mm,
         corner_mm,
     }
-}
-
-/// Returns the predicted error at the image's centre, and at its worst corner: one standard
-/// deviation, mm.
-fn ends(found: &Calibration) -> [f64; 2] {
-    super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }

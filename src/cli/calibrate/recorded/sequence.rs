@@ -11,21 +11,24 @@ use sonoweave_core::reading::{NamedTransform, Reading, Stamp, transform_name};
 use sync::pairing::stamped::RIGID_TOLERANCE;
 use sync::{PairingOptions, StampedPairing};
 
-use super::{OfItem, stamps};
+use super::times::stamps;
 use crate::cli::Failure;
 
-/// Passes every reading of a sequence to `take`.
+/// An item of a sequence and its poses, or the reason why it has none.
+pub(super) type OfItem = (u64, Result<Poses, String>);
+
+/// Passes every reading of a sequence to `visit`.
 pub(in crate::cli::calibrate) fn each(
     path: &Path,
     images: bool,
-    mut take: impl FnMut(Reading) -> Result<(), Failure>,
+    mut visit: impl FnMut(Reading) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let settings = SequenceSettings { images, ..SequenceSettings::new(path) };
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     device.start()?;
     loop {
         match device.next(sonoweave_core::NO_DEADLINE)? {
-            Next::Reading(reading) => take(reading)?,
+            Next::Reading(reading) => visit(reading)?,
             Next::Pending => {}
             Next::End => break,
         }
@@ -50,7 +53,7 @@ pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<Of
     let mut all = Vec::new();
     each(path, false, |reading| {
         match reading {
-            Reading::NamedTransform(transform) => ways.take(&transform),
+            Reading::NamedTransform(transform) => ways.add(&transform),
             // An image's transforms come before it.
             Reading::Frame(frame) => all.push((frame.stamp.item, ways.poses(&frame.stamp))),
             _ => {}
@@ -100,7 +103,7 @@ impl Ways {
         Ok(Self { sensor: direct, reference: None })
     }
 
-    fn take(&mut self, transform: &NamedTransform) {
+    fn add(&mut self, transform: &NamedTransform) {
         self.sensor.transform(transform.clone());
         if let Some(reference) = &mut self.reference {
             reference.transform(transform.clone());

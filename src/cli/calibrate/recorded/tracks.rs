@@ -11,8 +11,12 @@ use sonoweave_core::refusal::Refusal;
 use sync::history::{PoseHistory, PoseSample};
 use sync::ingest::live::Live;
 
-use super::{GRABBER, seconds, without_latency};
+use super::times::seconds;
 use crate::cli::Failure;
+use crate::cli::live::stages::roles;
+
+/// Index of the grabber among a session's roles.
+pub(in crate::cli::calibrate) const GRABBER: usize = 1;
 
 /// The tracked frames of a session, each with its poses in the tracker's frame, by the session's
 /// clocks and without latency correction.
@@ -25,7 +29,7 @@ pub(in crate::cli::calibrate) struct Tracks {
 
 impl Tracks {
     /// Creates empty tracks for the devices of a session.
-    pub(in crate::cli::calibrate) fn of_instruments(roles: &[DeviceRole], bedside: &Bedside) -> Self {
+    pub(in crate::cli::calibrate) fn of_roles(roles: &[DeviceRole], bedside: &Bedside) -> Self {
         let frames = roles.iter().flat_map(|role| &role.frames);
         let named = frames.map(|[from, _]| (from.clone(), Vec::new())).collect();
         Self { named, refused: Vec::new(), pictures: 0, longest_gap_ns: bedside.pairing.longest_gap_ns }
@@ -37,13 +41,13 @@ impl Tracks {
     /// [`Failure`] when the recording cannot be read.
     pub(in crate::cli::calibrate) fn read(path: &Path, bedside: &Bedside) -> Result<Self, Failure> {
         let roles = without_latency(bedside)?;
-        let mut tracks = Self::of_instruments(&roles, bedside);
-        walk(path, false, roles, Latencies::Given, |device, live| tracks.take(device, live))?;
+        let mut tracks = Self::of_roles(&roles, bedside);
+        walk(path, false, roles, Latencies::Given, |device, live| tracks.add(device, live))?;
         Ok(tracks)
     }
 
     /// Takes a sample of the device with the given index.
-    pub(in crate::cli::calibrate) fn take(&mut self, device: usize, live: Live) {
+    pub(in crate::cli::calibrate) fn add(&mut self, device: usize, live: Live) {
         match live {
             _ if device == GRABBER => self.pictures += 1,
             Live::Pose { source, sample, .. } => self.named[source].1.push(sample),
@@ -116,4 +120,10 @@ impl Tracks {
         });
         Ok(Track::new(poses.collect()).with_longest_gap(seconds(self.longest_gap_ns)))
     }
+}
+
+/// Returns a session's devices with zero latency: the search is for the whole latency.
+pub(in crate::cli::calibrate) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
+    let roles = roles(bedside)?;
+    Ok(roles.into_iter().map(|role| DeviceRole { latency_ns: 0, ..role }).collect())
 }

@@ -75,8 +75,11 @@ fn insufficient_motion_is_refused_with_missing_axes() {
     assert_eq!(missing(Target::Plane, [0.0; 3]), [u, normal]);
     assert_eq!(missing(Target::Plane, [0.5, 0.0, 0.0]), [normal]);
     assert_eq!(missing(Target::Plane, [0.0, 0.0, 0.5]), [u]);
-    let said = refused(Target::Plane, [0.0, 0.0, 0.5], |_| {}).to_string();
-    assert!(said.contains("hardly turned about u ") && said.ends_with("; tilt the probe fore and aft"), "{said}");
+    let refusal = refused(Target::Plane, [0.0, 0.0, 0.5], |_| {}).to_string();
+    assert!(
+        refusal.contains("hardly turned about u ") && refusal.ends_with("; tilt the probe fore and aft"),
+        "{refusal}"
+    );
     // A tip's position is known, so no rotation is needed.
     let motion = Motion { tilt: DVec3::ZERO, ..GOOD };
     let scan = Scan::new(TIP, 60, motion, USUAL, &mut Noise::new(30));
@@ -106,8 +109,8 @@ fn insufficient_recordings_are_refused_with_advice() {
         assert!(matches!(error, ProbeError::OnePlace { line: false, .. }), "{error}");
     }
     // Metres are recognised by the pixel size; a point gives no other evidence.
-    let said = refused(Target::Point, [0.5; 3], |o| {
+    let refusal = refused(Target::Point, [0.5; 3], |o| {
         o.poses = o.poses.map(|poses| Track::new(vec![poses]).scaled(0.001).poses()[0]);
     });
-    assert!(matches!(said, ProbeError::PixelSize { units: Some(_), .. }), "{said}");
+    assert!(matches!(refusal, ProbeError::PixelSize { units: Some(_), .. }), "{refusal}");
 }

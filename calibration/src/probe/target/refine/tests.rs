@@ -7,8 +7,8 @@ use crate::probe::target::simulated::{GOOD, Imperfect, Scan};
 const TARGETS: [Target; 3] =
     [Target::Point, Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 }, Target::Plane];
 
-/// Returns a scan's glimpses and a start with a slightly wrong plane and target.
-fn begun(scan: &Scan) -> (Vec<Glimpse>, Track, Begun) {
+/// Returns a scan's detections and a start with a slightly wrong plane and target.
+fn initial(scan: &Scan) -> (Vec<Detection>, Track, Start) {
     let recording = scan.recording(false);
     let off = DAffine3::from_rotation_translation(
         glam::DQuat::from_scaled_axis(DVec3::new(0.05, -0.04, 0.06)),
@@ -21,14 +21,14 @@ fn begun(scan: &Scan) -> (Vec<Glimpse>, Track, Begun) {
             Place::Plane { normal, distance_mm: distance_mm + 1.0 }
         }
     };
-    let glimpses = recording.glimpses(scan.target == Target::Plane);
-    let agrees = vec![true; glimpses.len()];
-    (glimpses, recording.poses(), Begun { plane: scan.plane.seen_by(&off), place, lag_s: 0.0, agrees })
+    let detections = recording.detections(scan.target == Target::Plane);
+    let agrees = vec![true; detections.len()];
+    (detections, recording.poses(), Start { plane: scan.plane.seen_by(&off), place, lag_s: 0.0, agrees })
 }
 
 fn found(scan: &Scan, lag: bool) -> Refined {
-    let (glimpses, track, begun) = begun(scan);
-    refine(scan.target, &glimpses, &track, begun, lag).unwrap()
+    let (detections, track, initial) = initial(scan);
+    refine(scan.target, &detections, &track, initial, lag).unwrap()
 }
 
 /// Returns the largest distance at the corners and the centre, mm.
@@ -41,8 +41,8 @@ fn derivatives_match_finite_differences() {
     let imperfect = Imperfect { position_mm: 1.0, turn_deg: 1.0, seen_px: 3.0, lag_s: 0.05, ..Imperfect::default() };
     for target in TARGETS {
         let scan = Scan::new(target, 5, GOOD, imperfect, &mut Random::new(3));
-        let (glimpses, track, begun) = begun(&scan);
-        let (problem, parameters) = Problem::new(target, &glimpses, &track, &begun, true);
+        let (detections, track, initial) = initial(&scan);
+        let (problem, parameters) = Problem::new(target, &detections, &track, &initial, true);
         let start = parameters.start();
         let pictures = problem.pictures(&start);
         let pictures: Vec<&Picture> = pictures.iter().collect();

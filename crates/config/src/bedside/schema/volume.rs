@@ -14,7 +14,7 @@ use render::classify::light::Light;
 use render::settings::CACHE_BYTES;
 
 use super::values::{Name, Notation, named, of_flag};
-use crate::look::{Classified, Draw, Mode};
+use crate::view_settings::{Classified, Draw, Mode};
 use crate::weighing::{CompoundName, DecayName};
 
 /// The volume that slices are inserted into; keys have the names of `reconstruct`'s flags

@@ -2,9 +2,9 @@
 
 use sonoweave_core::reading::PixelType;
 
-use crate::image::header::{Fault, Field, Header};
+use crate::image::fault::{Fault, Field};
+use crate::image::header::Header;
 use crate::image::layout::{Claims, Content, DataPlace, Encoding, ListAxis, Skip};
-use crate::image::metaimage::grammar::truth;
 use crate::image::numbers::whole;
 
 pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
@@ -162,4 +162,14 @@ fn pixel_type(field: &Field, images: bool) -> Result<PixelType, Fault> {
             )));
         }
     })
+}
+
+/// Parses a truth value: MetaImage writes `True` and `False`; other writers use `1`, `0` and
+/// other cases.
+fn truth(field: &Field) -> Result<bool, Fault> {
+    match field.value.as_bytes() {
+        [b'T' | b't' | b'1', ..] => Ok(true),
+        [b'F' | b'f' | b'0', ..] => Ok(false),
+        _ => Err(field.fault(format!("is {:?}; write True or False", &*field.value))),
+    }
 }

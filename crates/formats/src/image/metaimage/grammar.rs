@@ -2,7 +2,8 @@
 //! pixel data follow that line unless it names a file. Sequence files add
 //! `Seq_FrameNNNN_Name = value` for each frame.
 
-use crate::image::header::{Fault, Field, Grammar, Header, Parser};
+use crate::image::fault::Fault;
+use crate::image::header::{Grammar, Header, Parser};
 use crate::image::metaimage::claims::claims;
 use crate::image::metaimage::place::{STRUCTURE, place, spacing};
 
@@ -38,16 +39,6 @@ fn truncated(header: &Header) -> Option<Fault> {
         header.end,
         "was not reached: the file ends inside its header; copy or record it again",
     ))
-}
-
-/// Parses a truth value: MetaImage writes `True` and `False`; other writers use `1`, `0` and
-/// other cases.
-pub(crate) fn truth(field: &Field) -> Result<bool, Fault> {
-    match field.value.as_bytes() {
-        [b'T' | b't' | b'1', ..] => Ok(true),
-        [b'F' | b'f' | b'0', ..] => Ok(false),
-        _ => Err(field.fault(format!("is {:?}; write True or False", &*field.value))),
-    }
 }
 
 #[cfg(test)]
@@ -111,10 +102,10 @@ mod tests {
                 "repeats the field at byte 0",
             ),
         ];
-        for (text, field, offset, says) in cases {
+        for (text, field, offset, expected) in cases {
             let (f, o, p) = problem(text);
             assert_eq!((f.as_str(), o), (field, offset), "{p}");
-            assert!(p.contains(says), "{p:?} does not say {says:?}");
+            assert!(p.contains(expected), "{p:?} does not contain {expected:?}");
         }
         assert_eq!(problem(b"A = 1\n").1, 6, "a header without its end is named where the file ends");
     }

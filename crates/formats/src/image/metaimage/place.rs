@@ -1,8 +1,9 @@
 //! Reads the position of a MetaImage volume in space.
 
-use crate::image::header::{Fault, Header};
+use crate::image::fault::Fault;
+use crate::image::header::Header;
 use crate::image::numbers::{finite, number};
-use crate::image::volume::Place;
+use crate::image::place::Place;
 
 /// Fields that describe storage and position of the pixels.
 pub(super) const STRUCTURE: [&str; 23] = [

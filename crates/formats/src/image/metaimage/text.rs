@@ -4,11 +4,12 @@ use sonoweave_core::reading::PixelType;
 
 use crate::Unwritable;
 use crate::image::metaimage::grammar::GRAMMAR;
+use crate::image::numbers::list;
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
+use crate::image::sequence_header::SequenceHeader;
 use crate::image::spacing;
-use crate::image::volume::VolumeHeader;
-use crate::image::write::SequenceHeader;
-use crate::image::write::text::{SIZE_DIGITS, Style, Text, list, taken};
+use crate::image::volume_header::VolumeHeader;
+use crate::image::write::text::{SIZE_DIGITS, Style, Text, taken};
 
 static STYLE: Style =
     Style { grammar: &GRAMMAR, separator: " = ", reserved: '=', image_status: "ImageStatus", escape: str::to_owned };

@@ -1,8 +1,8 @@
 //! Position of a NIfTI volume: from its matrix (sform), else from its quaternion (qform).
 
-use crate::image::header::{Fault, Field};
+use crate::image::fault::{Fault, Field};
 use crate::image::nifti::field::{Bytes, PIXDIM, QFORM_CODE, QOFFSET, QUATERN, SFORM_CODE, SROW, UNITS};
-use crate::image::volume::Place;
+use crate::image::place::Place;
 
 /// Largest deviation of the axes from a rotation, for which a quaternion is written.
 const ORTHONORMAL: f64 = 1e-5;

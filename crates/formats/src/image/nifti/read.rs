@@ -6,13 +6,15 @@ use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
 
-use crate::image::header::{Fault, Field};
+use crate::image::fault::{Fault, Field};
 use crate::image::layout::{Claims, Content, DataPlace, Encoding, Layout, ListAxis, Skip};
 use crate::image::nifti::affine;
 use crate::image::nifti::field::{
     Bytes, COMMENT, DATATYPE, DIM, EXTENSIONS, HEADER, MAGIC, ONE_FILE, SCL_INTER, SCL_SLOPE, TYPES, VOX_OFFSET,
 };
-use crate::image::volume::{Place, Scaling, VolumeHeader};
+use crate::image::place::Place;
+use crate::image::scaling::Scaling;
+use crate::image::volume_header::VolumeHeader;
 use crate::{Error, Limits};
 
 /// A volume with its header; the reader is at the beginning of the data, compressed or not.

@@ -6,7 +6,8 @@ use crate::image::nifti::field::{
     BITPIX, COMMENT, DATATYPE, DESCRIP, DIM, EXTENSIONS, HEADER, MAGIC, ONE_FILE, PIXDIM, QFORM_CODE, QOFFSET, QUATERN,
     SCL_SLOPE, SFORM_CODE, SROW, TYPES, UNITS, VOX_OFFSET,
 };
-use crate::image::volume::{Place, VolumeHeader};
+use crate::image::place::Place;
+use crate::image::volume_header::VolumeHeader;
 
 /// Code of scanner coordinates: the position is in the coordinates of the measuring device. It
 /// is the only code that names neither another image nor an atlas.

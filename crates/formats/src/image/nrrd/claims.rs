@@ -2,14 +2,17 @@
 
 use sonoweave_core::reading::PixelType;
 
-use crate::image::header::{Fault, Field, Header};
+use crate::image::fault::{Fault, Field};
+use crate::image::header::Header;
 use crate::image::layout::{Claims, Content, DataPlace, Encoding, ListAxis, Skip};
-use crate::image::nrrd::grammar::DATA_FILE;
 use crate::image::numbers::whole;
 
 /// Limit on the number of axes. Files of this project and of Slicer have five at most:
 /// channels, three of space, a list.
 const MOST_AXES: u64 = 16;
+
+/// Field with the name of the data file.
+pub(super) const DATA_FILE: &str = "data file";
 
 pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
     let shape = header.required("sizes")?;

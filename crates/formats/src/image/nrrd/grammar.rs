@@ -2,7 +2,9 @@
 //! comments, and a blank line before the data. If the data are in a separate file, the header
 //! ends with the blank line or with its file.
 
-use crate::image::header::{Fault, Grammar, Header, Parser};
+use crate::image::fault::Fault;
+use crate::image::header::{Grammar, Header, Parser};
+use crate::image::nrrd::claims::DATA_FILE;
 use crate::image::nrrd::{claims, index, place};
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 
@@ -16,9 +18,6 @@ pub(crate) static GRAMMAR: Grammar = Grammar {
     times: index::times,
     is_structure,
 };
-
-/// Field with the name of the data file.
-pub(super) const DATA_FILE: &str = "data file";
 
 /// Fields that describe storage and position of the pixels, in the stored spelling: lower case,
 /// words separated.
@@ -226,11 +225,11 @@ mod tests {
             ("NRRD0004\ntype: uchar\nTYPE: uchar\n\n", "type", 21, "repeats the field"),
             ("NRRD0004\naxis 0 item 99999999999999999999 A:=1\n\n", "axis 0 item 99999999999999999999 A", 9, "64 bits"),
         ];
-        for (text, field, offset, says) in cases {
+        for (text, field, offset, expected) in cases {
             match parse(text).err().unwrap() {
                 Fault::Field { field: f, offset: o, problem } => {
                     assert_eq!((f.as_str(), o), (field, offset), "{problem}");
-                    assert!(problem.contains(says), "{problem:?} does not say {says:?}");
+                    assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
                 }
                 limit @ Fault::Limit { .. } => panic!("{limit:?}"),
             }

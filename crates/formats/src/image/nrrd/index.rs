@@ -1,7 +1,8 @@
 //! Reads the list axis of 3D Slicer's sequences: `axis 3 index values:=0 0.033 …` (earlier
 //! `axis 0 …`), and fields of single items.
 
-use crate::image::header::{Fault, Header};
+use crate::image::fault::Fault;
+use crate::image::header::Header;
 use crate::image::nrrd::place::quoted;
 use crate::image::numbers::number;
 

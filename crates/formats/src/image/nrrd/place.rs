@@ -1,9 +1,10 @@
 //! Reads the position of an NRRD volume in space, in ITK's coordinates: left, posterior,
 //! superior, if the file gives its orientation.
 
-use crate::image::header::{Fault, Field, Header};
+use crate::image::fault::{Fault, Field};
+use crate::image::header::Header;
 use crate::image::numbers::{finite, number};
-use crate::image::volume::Place;
+use crate::image::place::Place;
 
 pub(super) fn place(header: &Header) -> Result<Place, Fault> {
     let signs = signs(header)?;
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn invalid_place_is_refused() {
-        for (lines, says) in [
+        for (lines, expected) in [
             ("space directions: (1,0,0) (0,1,0)\n", "three directions"),
             ("space directions: (1,0,0) (0,1,0) (0,0,0)\n", "must have a length"),
             ("space directions: (1,0,0) (0,1,0) (0,0,nan)\n", "must be finite"),
@@ -164,7 +165,7 @@ mod tests {
             ("space origin: none\n", "one point"),
         ] {
             let problem = of(lines).unwrap_err().sentence();
-            assert!(problem.contains(says), "{problem:?} does not say {says:?}");
+            assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
         }
     }
 }

@@ -5,11 +5,12 @@ use sonoweave_core::reading::PixelType;
 
 use crate::Unwritable;
 use crate::image::nrrd::grammar::{GRAMMAR, KEYS, escaped};
+use crate::image::numbers::list;
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
+use crate::image::sequence_header::SequenceHeader;
 use crate::image::spacing;
-use crate::image::volume::VolumeHeader;
-use crate::image::write::SequenceHeader;
-use crate::image::write::text::{Style, Text, list, taken};
+use crate::image::volume_header::VolumeHeader;
+use crate::image::write::text::{Style, Text, taken};
 
 /// PLUS uses this name for the image status in NRRD, and reads no other.
 static STYLE: Style =

@@ -7,7 +7,7 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use tempfile::{NamedTempFile, TempPath};
 
-use crate::image::BUFFER;
+use crate::image::data::BUFFER;
 use crate::{Error, Unwritable};
 
 /// Level 3 compresses speckle to within 2 % of level 6 in half its time; level 1 gives files a

@@ -13,53 +13,17 @@ pub(crate) mod text;
 use std::io::{self, Write};
 use std::path::Path;
 
-use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
-
-use crate::image::header::{Fault, Parser};
+use crate::image::fault::Fault;
+use crate::image::header::Parser;
 use crate::image::layout::Layout;
 use crate::image::nrrd::text::Habit;
 use crate::image::sequence::Sequence;
-use crate::image::volume::VolumeHeader;
+pub use crate::image::sequence_header::{SequenceHeader, SequenceItem};
+use crate::image::volume_header::VolumeHeader;
 use crate::image::{Container, metaimage, nifti, nrrd};
 use crate::{Error, Limits, Unwritable};
 use file::{Head, Packing, PixelFile};
 use text::Text;
-
-/// Header of a sequence file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SequenceHeader {
-    /// Pixels along the first (fastest) and second axis; both 0 for a sequence without images.
-    pub size: [u32; 2],
-    /// Scalar type.
-    pub pixel: PixelType,
-    /// Channels per pixel, interleaved, 1 to 4.
-    pub channels: u32,
-    /// Orientation code (`MFA`, …); not written if empty.
-    pub orientation: String,
-    /// Image type (`BRIGHTNESS`, …); not written if empty.
-    pub image_type: String,
-    /// Whether to compress the pixels with zlib.
-    pub compressed: bool,
-    /// Further fields of the whole file.
-    pub fields: Vec<(String, String)>,
-    /// Metadata of each frame (or tracker sample).
-    pub items: Vec<SequenceItem>,
-}
-
-/// Metadata of one frame in a sequence file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SequenceItem {
-    /// Time of the frame; only `source_s` and `unfiltered_s` are written.
-    pub stamp: Stamp,
-    /// The source's running number.
-    pub frame_number: Option<u64>,
-    /// Whether the source declares the frame valid.
-    pub status: Status,
-    /// Transforms of the frame; their own stamps are not written.
-    pub transforms: Vec<NamedTransform>,
-    /// Further fields.
-    pub fields: Vec<(String, String)>,
-}
 
 /// Writes a tracked sequence.
 pub struct SequenceWriter {
@@ -195,13 +159,6 @@ impl Write for VolumeWriter {
 
     fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
-    }
-}
-
-impl Text {
-    /// Returns the header's bytes, and the position of the compressed data's length.
-    fn into_bytes(self) -> (Vec<u8>, Option<u64>) {
-        (self.text.into_bytes(), self.size_at)
     }
 }
 

@@ -6,8 +6,9 @@ use sonoweave_core::reading::{Status, split_transform_name};
 
 use crate::Unwritable;
 use crate::image::header::{Grammar, full_name};
+use crate::image::numbers::list;
 use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
-use crate::image::write::SequenceItem;
+use crate::image::sequence_header::SequenceItem;
 
 /// Format-specific spelling of fields outside the format's own structure.
 pub(crate) struct Style {
@@ -35,6 +36,11 @@ pub(crate) struct Text {
 pub(crate) const SIZE_DIGITS: usize = 20;
 
 impl Text {
+    /// Returns the header's bytes, and the position of the compressed data's length.
+    pub(crate) fn into_bytes(self) -> (Vec<u8>, Option<u64>) {
+        (self.text.into_bytes(), self.size_at)
+    }
+
     pub(crate) fn new(style: &'static Style) -> Self {
         Self { style, text: String::new(), size_at: None }
     }
@@ -110,12 +116,6 @@ impl Text {
         }
         Ok(())
     }
-}
-
-/// Formats the numbers as the shortest decimals that read back the same.
-pub(crate) fn list(values: &[f64]) -> String {
-    let values: Vec<String> = values.iter().map(f64::to_string).collect();
-    values.join(" ")
 }
 
 fn word(status: &Status) -> Result<&str, Unwritable> {

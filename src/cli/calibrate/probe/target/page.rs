@@ -6,17 +6,17 @@ use export::page::Page;
 use export::page::plate::{Ink, Plate};
 
 use super::super::drawn;
-use super::super::recording::Shown;
+use super::super::recording::StoredImage;
 use super::report::{PictureReport, Report, Rests};
 
 impl Report {
     /// Returns the images to show.
-    pub(super) fn telling(&self) -> Vec<usize> {
-        drawn::telling(&self.error_mm)
+    pub(super) fn listed_frames(&self) -> Vec<usize> {
+        drawn::listed_frames(&self.error_mm)
     }
 
-    /// Makes the page; `shown` are the images of [`Self::telling`].
-    pub(super) fn page(&self, shown: &[Shown]) -> String {
+    /// Makes the page; `images` are those of [`Self::listed_frames`].
+    pub(super) fn page(&self, images: &[StoredImage]) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
         let of = if self.validation_is_split {
             "mean error on validation frames (the last third, with a calibration from the others"
@@ -38,7 +38,7 @@ impl Report {
             ],
         );
         page.part("Detections");
-        let figures: Vec<_> = shown.iter().filter_map(|shown| self.seen(shown)).collect();
+        let figures: Vec<_> = images.iter().filter_map(|image| self.seen(image)).collect();
         page.figures(&figures);
         let (what, seen) = match self.target {
             Rests::PointMm(_) => ("dots", "the detected point"),
@@ -59,17 +59,17 @@ impl Report {
     }
 
     /// Draws one image and the detections in it.
-    fn seen(&self, shown: &Shown) -> Option<(String, String)> {
-        let picture = self.pictures.iter().find(|picture| picture.frame == shown.frame)?;
+    fn seen(&self, image: &StoredImage) -> Option<(String, String)> {
+        let picture = self.pictures.iter().find(|picture| picture.frame == image.frame)?;
         let mut plate = Plate::new(self.image_size_px);
-        plate.picture(&shown.grey);
+        plate.picture(&image.grey);
         for [seen, expected] in picture.pairs() {
             plate.ring(seen, if picture.used { Ink::Used } else { Ink::LeftOut }, "");
             plate.cross(expected, Ink::Expected);
         }
         let error = picture.off_mm.iter().sum::<f64>() / picture.off_mm.len().max(1) as f64;
-        let svg = plate.svg(&format!("frame {} of the recording with its detections", shown.frame));
-        Some((svg, format!("Frame {}: {error:.2} mm off.", shown.frame)))
+        let svg = plate.svg(&format!("frame {} of the recording with its detections", image.frame));
+        Some((svg, format!("Frame {}: {error:.2} mm off.", image.frame)))
     }
 
     fn particulars(&self, page: &mut Page) {

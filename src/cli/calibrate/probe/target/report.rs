@@ -14,7 +14,6 @@ use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
 use super::super::again::Reproducibility;
 use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
-use super::ends;
 
 /// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
@@ -61,7 +60,8 @@ pub(super) struct Report {
     /// Change of the result when parts of the recording are left out.
     pub(super) reproducibility_mm: Option<Reproducibility>,
     pub(super) pictures: Vec<PictureReport>,
-    pub(super) looked_s: f64,
+    #[serde(rename = "looked_s")]
+    pub(super) searched_s: f64,
     pub(super) solved_s: f64,
 }
 
@@ -191,7 +191,7 @@ impl Report {
             next_view: next(found),
             reproducibility_mm: None,
             pictures: pictures.collect(),
-            looked_s: 0.0,
+            searched_s: 0.0,
             solved_s: 0.0,
         }
     }
@@ -200,8 +200,8 @@ impl Report {
         Self { reproducibility_mm, ..self }
     }
 
-    pub(super) fn took(self, looked_s: f64, solved_s: f64) -> Self {
-        Self { looked_s, solved_s, ..self }
+    pub(super) fn took(self, searched_s: f64, solved_s: f64) -> Self {
+        Self { searched_s, solved_s, ..self }
     }
 }
 
@@ -228,7 +228,7 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
     let _ = writeln!(
         text,
         "{}; a pixel is {size_u:.5} × {size_v:.5} mm",
-        frames(found).told(&format!(" of {}", method.title()))
+        frames(found).text(&format!(" of {}", method.title()))
     );
     let mut line = |what: &str, Errors { mean, sd, rms, max, .. }: &Errors| {
         let _ = writeln!(text, "  {what:44} {mean:.3} ± {sd:.3} mm (rms {rms:.3}, at most {max:.3})");
@@ -249,4 +249,10 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
         writeln!(text, "noise: {}\n{}", Scattered::of(&refined.scatter).words(), Rests::of(found.place()).words(frame));
     let _ = writeln!(text, "next view: {}", next(found));
     text
+}
+
+/// Returns the predicted error at the image's centre, and at its worst corner: one standard
+/// deviation, mm.
+pub(super) fn ends(found: &Calibration) -> [f64; 2] {
+    super::super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }

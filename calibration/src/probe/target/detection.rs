@@ -31,7 +31,7 @@ impl Seen {
 
 /// An image that shows something and has poses.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Glimpse {
+pub(super) struct Detection {
     pub(super) frame: usize,
     pub(super) time_s: f64,
     /// Candidate spots for the point; empty for a plane.
@@ -40,7 +40,7 @@ pub(super) struct Glimpse {
     pub(super) marks: Vec<DVec2>,
 }
 
-impl Glimpse {
+impl Detection {
     /// Returns the map from the probe to the reference, for poses that lag images by `lag_s`.
     pub(super) fn reference_from_probe(&self, track: &Track, lag_s: f64) -> Option<DAffine3> {
         Some(track.at(self.time_s + lag_s)?.reference_from_probe().affine())
@@ -57,17 +57,17 @@ impl Glimpse {
 impl Recording<'_, Seen> {
     /// Returns the images that show the target, with poses. Lines are ignored for a point, and
     /// dots for a plane.
-    pub(super) fn glimpses(&self, is_plane: bool) -> Vec<Glimpse> {
-        let glimpse = |observation: &Observation<Seen>| {
+    pub(super) fn detections(&self, is_plane: bool) -> Vec<Detection> {
+        let detection = |observation: &Observation<Seen>| {
             observation.poses?;
             let (candidates, marks) = match &observation.seen {
                 Seen::Dots(dots) if !is_plane => (dots.clone(), vec![*dots.first()?]),
                 Seen::Line(points) if is_plane => (Vec::new(), points.to_vec()),
                 _ => return None,
             };
-            Some(Glimpse { frame: observation.frame, time_s: observation.time_s, candidates, marks })
+            Some(Detection { frame: observation.frame, time_s: observation.time_s, candidates, marks })
         };
-        self.observations.iter().filter_map(glimpse).collect()
+        self.observations.iter().filter_map(detection).collect()
     }
 }
 

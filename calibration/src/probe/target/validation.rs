@@ -8,7 +8,7 @@ use glam::DVec3;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use super::Place;
-use super::glimpse::Glimpse;
+use super::detection::Detection;
 use super::refine::Refined;
 use crate::least_squares::Loss;
 use crate::least_squares::loss::spread;
@@ -25,41 +25,41 @@ const LEAST_SPREAD_MM: f64 = 1e-9;
 /// objects: distances of the observed points from it, mm.
 pub(super) fn errors(
     refined: &Refined,
-    glimpses: &mut [Glimpse],
+    detections: &mut [Detection],
     track: &Track,
     known: Option<Place>,
 ) -> Option<Errors> {
-    let mut place = known.or_else(|| place_of(&refined.place, &points(refined, glimpses, track)))?;
+    let mut place = known.or_else(|| place_of(&refined.place, &points(refined, detections, track)))?;
     for _ in 0..ROUNDS {
-        for glimpse in glimpses.iter_mut() {
-            if let Some(map) = glimpse.reference_from_probe(track, refined.lag_s) {
-                glimpse.choose(|px| place.off_mm(map.transform_point3(refined.plane.point(px))));
+        for detection in detections.iter_mut() {
+            if let Some(map) = detection.reference_from_probe(track, refined.lag_s) {
+                detection.choose(|px| place.off_mm(map.transform_point3(refined.plane.point(px))));
             }
         }
         if known.is_none() {
-            place = place_of(&place, &points(refined, glimpses, track))?;
+            place = place_of(&place, &points(refined, detections, track))?;
         }
     }
-    let seen: Vec<(usize, Vec<f64>)> = (glimpses.iter())
-        .filter_map(|glimpse| {
-            let map = glimpse.reference_from_probe(track, refined.lag_s)?;
+    let seen: Vec<(usize, Vec<f64>)> = (detections.iter())
+        .filter_map(|detection| {
+            let map = detection.reference_from_probe(track, refined.lag_s)?;
             let off = |px| place.off_mm(map.transform_point3(refined.plane.point(px)));
-            Some((glimpse.frame, glimpse.marks.iter().copied().map(off).collect()))
+            Some((detection.frame, detection.marks.iter().copied().map(off).collect()))
         })
         .collect();
     let components = if matches!(place, Place::Point(_)) { 3 } else { 1 };
     let lengths: Vec<(usize, f64)> = seen.iter().flat_map(|(_, off)| off).map(|off| (components, *off)).collect();
-    let (scale, law) = (spread(&lengths).max(LEAST_SPREAD_MM), Loss::Tukey.of(components));
-    Errors::of(seen.into_iter().filter(|(_, off)| off.iter().all(|off| law.weight(off / scale) > 0.0)))
+    let (scale, loss) = (spread(&lengths).max(LEAST_SPREAD_MM), Loss::Tukey.of(components));
+    Errors::of(seen.into_iter().filter(|(_, off)| off.iter().all(|off| loss.weight(off / scale) > 0.0)))
 }
 
 /// Returns the observed points in the reference's frame.
-fn points(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> Vec<DVec3> {
-    let of_glimpse = |glimpse: &Glimpse| {
-        let map = glimpse.reference_from_probe(track, refined.lag_s)?;
-        Some(glimpse.marks.iter().map(|px| map.transform_point3(refined.plane.point(*px))).collect::<Vec<_>>())
+fn points(refined: &Refined, detections: &[Detection], track: &Track) -> Vec<DVec3> {
+    let of_detection = |detection: &Detection| {
+        let map = detection.reference_from_probe(track, refined.lag_s)?;
+        Some(detection.marks.iter().map(|px| map.transform_point3(refined.plane.point(*px))).collect::<Vec<_>>())
     };
-    glimpses.iter().filter_map(of_glimpse).flatten().collect()
+    detections.iter().filter_map(of_detection).flatten().collect()
 }
 
 /// Fits a target of the given kind to most points; `None` without points.
@@ -79,8 +79,8 @@ fn place_of(kind: &Place, points: &[DVec3]) -> Option<Place> {
                 place = through(points, &weights);
                 let off: Vec<f64> = points.iter().map(|point| place.off_mm(*point)).collect();
                 let scale = spread(&off.iter().map(|off| (1, *off)).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
-                let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
-                weights = off.iter().map(|off| law.weight(off / scale)).collect();
+                let loss = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
+                weights = off.iter().map(|off| loss.weight(off / scale)).collect();
             }
             Some(place)
         }

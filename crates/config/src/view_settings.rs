@@ -97,7 +97,7 @@ impl Draw {
 
 /// Settings of a picture by rays; `None` for a setting that was not given.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Look {
+pub struct ViewSettings {
     /// Pixels to the right and down.
     pub image_size: [u32; 2],
     /// Azimuth, elevation and roll, degrees.
@@ -128,7 +128,7 @@ pub struct Look {
     pub lit_by: Option<&'static str>,
 }
 
-impl Look {
+impl ViewSettings {
     /// Refuses settings that suit no volume.
     ///
     /// # Errors

@@ -1,13 +1,16 @@
-//! Predicted errors of the plane from the covariance, at present and with further images.
+//! Result of the fit, and predicted errors of the plane from its covariance, at present and with
+//! further images.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
+use sonoweave_core::frames::{Image, Probe, Transform};
 
-use super::problem::Problem;
-use super::{Refined, Unknown};
-use crate::least_squares::Certainty;
+use super::problem::{Problem, Unknown};
+use crate::least_squares::{Certainty, Solution};
+use crate::phantom::file::Registration;
 use crate::probe::layout::Layout;
 use crate::probe::matching::Mark;
-use crate::probe::scatter::lasted;
+use crate::probe::plane::ImagePlane;
+use crate::probe::scatter::{Scatter, lasted};
 use crate::probe::sighting::Sighting;
 use crate::probe::track::{Poses, Track};
 use crate::probe::unknown::NUMBERS;
@@ -17,7 +20,63 @@ pub(super) const KNOWN: usize = 7;
 /// Count of a pixel's coordinates and these.
 pub(super) const TOGETHER: usize = 3 + KNOWN;
 
+/// Result of the fit.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// The image plane in the probe's frame.
+    pub plane: ImagePlane,
+    /// The fitted registration.
+    pub registration: Registration,
+    /// The fitted scatter.
+    pub scatter: Scatter,
+    /// Number of images over which the scatter is correlated; 1 if independent. The predicted
+    /// errors account for it.
+    pub lasting: f64,
+    /// Lag of poses behind images, s.
+    pub lag_s: f64,
+    /// Standard deviation of the lag; 0 if it was not fitted.
+    pub lag_sd_s: f64,
+    /// For each sighting and dot, whether the fit used it. A sighting without used dots had no
+    /// pose at its time, or contradicted the others.
+    pub used: Vec<Vec<bool>>,
+    /// Squared lengths of images' whitened residuals, in the order of the sightings, and their
+    /// numbers of components.
+    pub pictures: Vec<(f64, usize)>,
+    /// The given registration.
+    pub(super) given: Registration,
+    /// Centre of the phantom's rotation, mm.
+    pub(super) centre: DVec3,
+    pub(super) unknown: Unknown,
+    pub(super) solution: Solution,
+    /// Information of the priors: of the phantom's rotation and shift, and of the lag.
+    pub(super) known: [[f64; KNOWN]; KNOWN],
+}
+
 impl Refined {
+    /// Returns the plane as a transform.
+    pub fn probe_from_image(&self) -> Transform<Probe, Image> {
+        Transform::from_affine(self.plane.affine())
+    }
+
+    /// Returns the largest over the smallest singular value of the problem, by its parameters'
+    /// typical sizes.
+    pub fn condition(&self) -> f64 {
+        self.solution.condition
+    }
+
+    /// Returns the solution with its parameters' covariance.
+    pub fn solution(&self) -> &Solution {
+        &self.solution
+    }
+
+    /// Returns the fitted rotation and shift of the phantom against its registration, deg and
+    /// mm.
+    pub fn registration_change(&self) -> (f64, f64) {
+        let Unknown { phantom_turn, phantom_shift, .. } = self.unknown;
+        let state = &self.solution.state;
+        (state.rotation(phantom_turn).to_scaled_axis().length().to_degrees(), state.point(phantom_shift).length())
+    }
+
     /// Returns the covariance of a pixel's position in the probe's frame, mm², from the fitted
     /// scatter and its correlation.
     pub fn covariance_mm2(&self, px: DVec2) -> [[f64; 3]; 3] {
@@ -29,9 +88,10 @@ impl Refined {
         std::array::from_fn(|i| std::array::from_fn(|j| lasted(&all, &self.known, self.lasting, [i, j])))
     }
 
-    /// Returns the covariance of the plane's own numbers, named in [`super::PLANE`]. It is
-    /// computed from the fitted scatter and multiplied by its correlation, which is
-    /// conservative for numbers with a prior. 0 for a skew that was not fitted.
+    /// Returns the covariance of the plane's own numbers, named in
+    /// [`PLANE`](crate::probe::refine::PLANE). It is computed from the fitted scatter and
+    /// multiplied by its correlation, which is conservative for numbers with a prior. 0 for a skew
+    /// that was not fitted.
     pub fn covariance(&self) -> [[f64; NUMBERS]; NUMBERS] {
         self.unknown.plane.covariance(self.solution.certainty()).map(|row| row.map(|entry| entry * self.lasting))
     }

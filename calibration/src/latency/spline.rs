@@ -5,7 +5,7 @@ use crate::error::LatencyError;
 
 /// N numbers as functions of time.
 #[derive(Debug, Clone)]
-pub struct Track<const N: usize> {
+pub struct Spline<const N: usize> {
     pieces: Vec<Piece<N>>,
     repeated: usize,
 }
@@ -18,7 +18,7 @@ struct Piece<const N: usize> {
     bends: Vec<[f64; N]>,
 }
 
-impl<const N: usize> Track<N> {
+impl<const N: usize> Spline<N> {
     /// Interpolates samples (s, values) in any order; of several at one time the last counts.
     /// Samples farther apart than `longest_gap_s` are not interpolated.
     ///
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn lines_are_exact_and_curves_followed_with_slope() {
         let samples = uneven(60).into_iter().map(|t| (t, [3.0 - 2.0 * t, (2.0 * t).sin()])).collect();
-        let track = Track::new(samples, 1.0).unwrap();
+        let track = Spline::new(samples, 1.0).unwrap();
         for at in (0..400).map(|i| 0.5 + 0.01 * f64::from(i)) {
             let ([line, wave], [slope, change]) = track.at(at).unwrap();
             assert!((line - (3.0 - 2.0 * at)).abs() < 1e-12 && (slope + 2.0).abs() < 1e-10);
@@ -160,8 +160,8 @@ mod tests {
     #[test]
     fn gaps_and_ends_are_not_interpolated() {
         let samples = [0.0, 0.1, 0.2, 0.9, 1.0, 3.0].map(|t| (t, [t])).to_vec();
-        let track = Track::new(samples, 0.5).unwrap();
-        for (at, is_said) in [
+        let track = Spline::new(samples, 0.5).unwrap();
+        for (at, is_known) in [
             (-0.01, false),
             (0.0, true),
             (0.2, true),
@@ -171,24 +171,24 @@ mod tests {
             (2.0, false),
             (3.0, false),
         ] {
-            assert_eq!(track.at(at).is_some(), is_said, "{at}");
+            assert_eq!(track.at(at).is_some(), is_known, "{at}");
         }
         assert_eq!((track.len(), track.span_s()), (5, Some([0.0, 1.0])));
     }
 
     #[test]
     fn order_is_free_and_last_of_equal_times_counts() {
-        let track = Track::new(vec![(1.0, [5.0]), (0.0, [1.0]), (1.0, [2.0]), (2.0, [3.0])], 9.0).unwrap();
+        let track = Spline::new(vec![(1.0, [5.0]), (0.0, [1.0]), (1.0, [2.0]), (2.0, [3.0])], 9.0).unwrap();
         assert_eq!(track.samples().map(|(t, [x])| (t, *x)).collect::<Vec<_>>(), [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]);
         assert_eq!(track.repeated(), 1);
-        assert_eq!(Track::new(vec![(0.0, [f64::NAN])], 1.0).unwrap_err(), LatencyError::NotFinite { index: 0 });
+        assert_eq!(Spline::new(vec![(0.0, [f64::NAN])], 1.0).unwrap_err(), LatencyError::NotFinite { index: 0 });
     }
 
     #[test]
     fn noise_is_found_beside_motion() {
         let mut random = crate::noise::Noise::new(3);
         let samples = uneven(2000).into_iter().map(|t| (t, [20.0 * (0.5 * t).sin() + 0.2 * random.normal()]));
-        let [noise] = Track::new(samples.collect(), 1.0).unwrap().noise();
+        let [noise] = Spline::new(samples.collect(), 1.0).unwrap().noise();
         assert!((noise - 0.2).abs() < 0.02, "{noise}");
     }
 }

@@ -3,17 +3,17 @@
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::motion::{LONGEST_GAP_S, PoseSample};
-use super::track::Track;
+use super::spline::Spline;
 use crate::error::CalibrationError;
 
 /// Poses as a smooth function of time.
 #[derive(Debug, Clone)]
-pub struct Poses {
+pub struct PoseSpline {
     /// The quaternion's four numbers, normalised after interpolation, and the position.
-    track: Track<7>,
+    track: Spline<7>,
 }
 
-impl Poses {
+impl PoseSpline {
     /// Interpolates samples in any order.
     ///
     /// # Errors
@@ -29,7 +29,7 @@ impl Poses {
             let p = sample.position_mm;
             (sample.time_s, [turn.x, turn.y, turn.z, turn.w, p.x, p.y, p.z])
         });
-        Ok(Self { track: Track::new(numbers.collect(), LONGEST_GAP_S)? })
+        Ok(Self { track: Spline::new(numbers.collect(), LONGEST_GAP_S)? })
     }
 
     /// Returns the first and last time, s.
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn interpolated_pose_and_velocity_match_motion() {
         let samples: Vec<PoseSample> = (0..100).map(|i| pose(0.02 * f64::from(i))).collect();
-        let poses = Poses::new(&samples).unwrap();
+        let poses = PoseSpline::new(&samples).unwrap();
         let point = DVec3::new(3.0, -20.0, 80.0);
         let truth = |t: f64| pose(t).rotation * point + pose(t).position_mm;
         for at in (0..160).map(|i| 0.2 + 0.0101 * f64::from(i)) {
