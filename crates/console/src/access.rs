@@ -19,10 +19,10 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio_rustls::rustls::crypto::{SecureRandom, ring};
 
+use super::connection_info::ConnectionInfo;
 use super::counts::Counts;
-use super::server::Line;
+use super::page;
 use super::token::{Attempts, Browsers, Token, bearer, cookies};
-use super::{Served, page};
 
 /// Path at which a browser exchanges the token for a cookie.
 pub(super) const LOGIN: &str = "/v1/login";
@@ -104,8 +104,7 @@ impl Gate {
 }
 
 /// Admits only requests with the token, if one is configured.
-pub(super) async fn only_known(State(served): State<Served>, request: Request, next: Next) -> Response {
-    let gate = &served.gate;
+pub(super) async fn only_known(State(gate): State<Arc<Gate>>, request: Request, next: Next) -> Response {
     let Some(token) = &gate.token else { return next.run(request).await };
     if OPEN.contains(&request.uri().path()) || gate.is_known(request.headers()) {
         return next.run(request).await;
@@ -131,8 +130,7 @@ struct Login {
 }
 
 /// Exchanges a token for a cookie.
-pub(super) async fn login(State(served): State<Served>, extensions: Extensions, body: Bytes) -> Response {
-    let gate = &served.gate;
+pub(super) async fn login(State(gate): State<Arc<Gate>>, extensions: Extensions, body: Bytes) -> Response {
     let Some(token) = &gate.token else {
         return (StatusCode::NOT_FOUND, "this session has no token; none is needed\n").into_response();
     };
@@ -159,5 +157,5 @@ fn too_often(wait: Duration) -> Response {
 
 /// Returns the client's address; unspecified for requests without a socket.
 fn peer(extensions: &Extensions) -> IpAddr {
-    extensions.get::<Line>().map_or(Ipv4Addr::UNSPECIFIED.into(), |line| line.peer.ip())
+    extensions.get::<ConnectionInfo>().map_or(Ipv4Addr::UNSPECIFIED.into(), |line| line.peer.ip())
 }

@@ -13,9 +13,10 @@ use tokio::time::timeout;
 
 use measure::Place;
 
-use super::broadcast::{EncodedFrame, Kind};
+use super::encoded_frame::{EncodedFrame, Kind};
 use super::message::{ClientMessage, ONLY_PAGES};
-use super::{Served, snapshot};
+use super::served::Served;
+use super::{snapshot, status};
 
 /// Longest wait for a picture that no other client is viewing.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -56,7 +57,7 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
             return refused(StatusCode::UNPROCESSABLE_ENTITY, &format!("this measurement is invalid: {error}"));
         }
     };
-    match measure::measure(&asked, &served.session.latest.told().basis.doubt) {
+    match measure::measure(&asked, &served.session.latest.report().basis.doubt) {
         Ok(measured) => told(StatusCode::OK, &json!(measured)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
     }
@@ -124,7 +125,7 @@ pub(super) async fn settings(State(served): State<Served>) -> Response {
 
 /// Returns the present session status, without rates, which need two readings.
 pub(super) async fn account(State(served): State<Served>) -> Response {
-    let mut account = super::status::PagePublisher::default().tell(&served);
+    let mut account = status::PagePublisher::default().tell(&served);
     if let Some(account) = account["account"].as_object_mut() {
         account.remove("rates");
     }
@@ -133,7 +134,7 @@ pub(super) async fn account(State(served): State<Served>) -> Response {
 
 /// Returns the facts that do not change while the session runs.
 pub(super) async fn about(State(served): State<Served>) -> Response {
-    told(StatusCode::OK, &super::status::about(&served)["about"])
+    told(StatusCode::OK, &status::about(&served)["about"])
 }
 
 /// Returns the newest picture of a kind. Renders it for this request if no other client is

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use guidance::outlines::{Outlines, PlaneRect};
 use render::section::Section;
 
-use super::broadcast::Kind;
+use super::encoded_frame::Kind;
 use super::orbit_camera::OrbitCamera;
 
 /// Corners in a picture, in pixels from its upper left corner.

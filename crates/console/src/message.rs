@@ -10,8 +10,9 @@ use pipeline::command::Command;
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
+use super::served::{ConsoleSession, Served};
+use super::snapshot;
 use super::style::Choice;
-use super::{ConsoleSession, Served, snapshot};
 
 /// Refusal of a program's message that concerns a page's connection.
 pub(super) const ONLY_PAGES: &str = "this command is possible over a WebSocket only; connect to /v1/stream";

@@ -10,7 +10,7 @@ use pipeline::live::{SessionStatus, Spread, Written};
 use statistics::LiveStatistics;
 use sync::clock::State;
 
-use super::Counts;
+use super::counts::Counts;
 
 /// Upper bounds of the latency buckets, ms. They include the project's targets, 20 and 50 ms.
 const EDGES_MS: [u64; 14] = [1, 2, 5, 10, 15, 20, 30, 40, 50, 75, 100, 200, 500, 2000];

@@ -13,7 +13,7 @@ use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::server::Line;
+use super::connection_info::ConnectionInfo;
 
 /// Largest request body, bytes.
 pub(super) const MOST_BODY: usize = 64 << 10;
@@ -27,7 +27,7 @@ pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
     if only_reads {
         return next.run(request).await;
     }
-    let secured = request.extensions().get::<Line>().is_some_and(|line| line.secured);
+    let secured = request.extensions().get::<ConnectionInfo>().is_some_and(|line| line.secured);
     if !comes_from_own(headers, secured) {
         return (StatusCode::FORBIDDEN, "only this server's own pages may send this request\n").into_response();
     }

@@ -8,7 +8,7 @@ use export::panel::grey;
 use pipeline::live::{Extent, PlaneImage, PlaneRequest};
 use render::section::{Plane, Sampled, Section};
 
-use super::broadcast::{Kind, Pixmap};
+use super::encoded_frame::{Kind, Pixmap};
 
 /// Most pixels along a side.
 const MOST_PX: u32 = 512;

@@ -14,8 +14,8 @@ use std::time::Duration;
 use jpeg_encoder::{ColorType, Encoder};
 use tokio::time::Instant;
 
-use super::broadcast::{EncodedFrame, Pixmap};
 use super::counts::Counts;
+use super::encoded_frame::{EncodedFrame, Pixmap};
 
 /// An answer with a longer transmission time is slow.
 const SLOW: Duration = Duration::from_millis(150);
@@ -263,7 +263,7 @@ mod tests {
     use zune_jpeg::zune_core::colorspace::ColorSpace;
     use zune_jpeg::zune_core::options::DecoderOptions;
 
-    use super::super::broadcast::Kind;
+    use super::super::encoded_frame::Kind;
     use super::*;
 
     const MS: fn(u64) -> Duration = Duration::from_millis;

@@ -20,10 +20,14 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-use super::connections::{ConnectionLimiter, Place};
+use super::connection_info::ConnectionInfo;
+use super::connection_limiter::{ConnectionLimiter, Place};
 use super::counts::Counts;
+use super::error::ConsoleError;
 use super::listen::{Door, Listen};
-use super::{ConsoleError, ConsoleSession, Served, routes, viewer_slots};
+use super::routes::routes;
+use super::served::{ConsoleSession, Served};
+use super::viewer_slots;
 
 /// Time limit for a request, and before it for the TLS handshake.
 const ASKING: Duration = Duration::from_secs(5);
@@ -38,17 +42,6 @@ const PAUSE: Duration = Duration::from_millis(200);
 /// Nice value of the thread. Under full load, capture, pairing and insertion get three times as
 /// much processor time as this thread, and rendering a third as much.
 const NICE: i32 = 5;
-
-/// The connection of a request.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
-    /// Local address.
-    pub(super) local: SocketAddr,
-    /// Remote address.
-    pub(super) peer: SocketAddr,
-    /// Whether the connection is encrypted by TLS.
-    pub(super) secured: bool,
-}
 
 /// A listening console. Dropping it stops it.
 #[derive(Debug)]
@@ -171,7 +164,7 @@ async fn accept(listener: &tokio::net::TcpListener, door: Door, served: Served, 
             Counts::add(&counts.gave_way);
         }
         let Ok(local) = stream.local_addr() else { continue };
-        let line = Line { local, peer, secured: door.tls.is_some() };
+        let line = ConnectionInfo { local, peer, secured: door.tls.is_some() };
         let (tls, service, counts, stopped) = (door.tls.clone(), service.clone(), Arc::clone(&counts), stopped.clone());
         serving.spawn(async move {
             tokio::select! {
@@ -190,7 +183,7 @@ async fn serve(
     stream: TcpStream,
     tls: Option<TlsAcceptor>,
     service: TowerToHyperService<Router>,
-    line: Line,
+    line: ConnectionInfo,
     place: &Place,
     counts: &Counts,
     stopped: watch::Receiver<()>,
@@ -213,7 +206,7 @@ async fn serve(
 async fn talk(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     service: TowerToHyperService<Router>,
-    line: Line,
+    line: ConnectionInfo,
     place: &Place,
     mut stopped: watch::Receiver<()>,
 ) {

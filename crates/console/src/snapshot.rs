@@ -9,8 +9,8 @@ use image::{ExtendedColorType, ImageEncoder as _, RgbImage};
 use export::picture::write_rgb;
 use pipeline::control::Progress;
 
-use super::Served;
-use super::broadcast::{EncodedFrame, Kind, Pixmap};
+use super::encoded_frame::{EncodedFrame, Kind, Pixmap};
+use super::served::Served;
 
 /// Largest snapshot number in a folder.
 const MOST: u32 = 100_000;

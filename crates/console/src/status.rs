@@ -8,12 +8,13 @@ use serde_json::{Value, json};
 use pipeline::live::{DeviceBoard, SessionStatus};
 use sync::clock::State;
 
-use super::Served;
-use super::broadcast::Kind;
+use super::encoded_frame::Kind;
+use super::latest::About;
+use super::served::Served;
 
 /// Returns the facts that do not change while the session runs.
 pub(super) fn about(served: &Served) -> Value {
-    let told = served.session.latest.told();
+    let told = served.session.latest.report();
     let About { name, kind, size, pixel_mm } = &told.basis.about;
     let recording = told.account.recording.as_ref().map(|written| written.path.display().to_string());
     json!({ "about": {
@@ -25,19 +26,6 @@ pub(super) fn about(served: &Served) -> Value {
         "marker": "left",
         "recording": recording,
     } })
-}
-
-/// Description of a session for pages.
-#[derive(Debug, Clone, Default)]
-pub struct About {
-    /// Name of the session: its configuration's name.
-    pub name: String,
-    /// Kind of session: live, demo or replay.
-    pub kind: &'static str,
-    /// Pixels of the B-mode image to the right and down, if known.
-    pub size: Option<[u32; 2]>,
-    /// Pixel spacing, mm, by the calibration.
-    pub pixel_mm: Option<[f64; 2]>,
 }
 
 /// Counts from which rates are computed.
@@ -60,7 +48,7 @@ pub(super) struct PagePublisher {
 impl PagePublisher {
     /// Returns the present status.
     pub(super) fn tell(&mut self, served: &Served) -> Value {
-        let told = served.session.latest.told();
+        let told = served.session.latest.report();
         let account = &*told.account;
         let now = Counts {
             at: told.at,

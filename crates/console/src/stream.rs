@@ -32,12 +32,15 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use sonoweave_core::clock::{Clock as _, Monotonic};
 
-use super::broadcast::{EncodedFrame, KINDS, Kind, Pixmap, Subscription, unix_ms};
+use super::broadcast::Subscription;
+use super::counts::Counts;
+use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
 use super::message::{ClientMessage, PageMessage};
 use super::quality::{Grade, Quality};
+use super::served::Served;
+use super::status;
 use super::viewer_slots::Place;
-use super::{Counts, Served, status};
 
 /// Largest number of unanswered pictures of a kind per page.
 const ON_THEIR_WAY: u32 = 2;

@@ -8,22 +8,31 @@ mod pick;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use axum::Router;
 use axum::body::{Body, to_bytes};
-use axum::http::Request;
+use axum::http::{Request, StatusCode};
+use axum::routing::{get, post};
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use serde_json::Value;
+use tokio::sync::watch;
 
+use config::bedside::Effective;
 use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use mask::MaskSettings;
-use pipeline::live::{ClockBoard, DeviceBoard, Unwritten, Written};
+use pipeline::control::SessionController;
+use pipeline::live::{ClockBoard, DeviceBoard, SessionStatus, Unwritten, Written};
 use sonoweave_core::ledger::{Queue, Readings};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::clock;
 
 use super::*;
+use crate::latest::STALE;
+use crate::routes::guarded;
 
 /// A status in which everything has happened.
 fn eventful() -> SessionStatus {
@@ -239,7 +248,7 @@ fn health_is_ok_while_session_progresses() {
     assert_eq!((code, body.as_str()), (StatusCode::SERVICE_UNAVAILABLE, "stands still: capture-grabber\n"));
     latest.tell(&eventful(), &[]);
     if let Some(long_ago) = Instant::now().checked_sub(STALE) {
-        latest.told.lock().unwrap().at = long_ago;
+        latest.report.lock().unwrap().at = long_ago;
         assert_eq!(get_as(&latest, "[::1]:9110", "/healthz").0, StatusCode::SERVICE_UNAVAILABLE);
     }
 }

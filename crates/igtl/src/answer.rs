@@ -13,12 +13,11 @@ use drivers::openigtlink::{
 
 use pipeline::command::Command;
 
-use super::IgtlError;
 use super::client::Client;
-use super::commands;
-use super::encode;
+use super::error::IgtlError;
 use super::publish::nothing;
-use super::server::ServerState;
+use super::state::ServerState;
+use super::{commands, encode};
 
 /// Longest wait for a volume to save.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -1,38 +1,21 @@
 //! Publishes pending changes to all clients that want them.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::time::Duration;
 
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 use drivers::openigtlink::{Content, Fixed, Message, Status};
-use pipeline::live::Snapshot;
-use sync::history::PoseSample;
 
 use super::client::Client;
 use super::encode::{self, Both};
-use super::server::ServerState;
+use super::state::{ServerState, Shown};
 use super::{POSES_HZ, STATUS_EVERY};
 
 /// Longest wait for a requested volume; then the client learns that there is none.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Publishing interval.
 const TURN: Duration = Duration::from_millis(10);
-
-/// The messages published last, for requests.
-#[derive(Default)]
-pub(super) struct Shown {
-    pub(super) world: String,
-    pub(super) slice: Option<Both>,
-    pub(super) volume: Option<Both>,
-    pub(super) snapshot: Option<Result<Snapshot, String>>,
-    pub(super) transforms: BTreeMap<String, Both>,
-    pub(super) poses: BTreeMap<String, PoseSample>,
-    pub(super) status: Option<(u16, String)>,
-    /// Time at which a transform of a name may be sent again.
-    due: BTreeMap<String, Instant>,
-}
 
 /// Publishes changes until the server ends.
 pub(super) async fn run(house: Rc<ServerState>) {

@@ -4,18 +4,19 @@ use std::cell::RefCell;
 use std::net::{SocketAddr, TcpListener};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use tokio::sync::watch;
 use tokio::task::LocalSet;
 
-use super::IgtlError;
-use super::client::{self, Client};
+use super::client::Client;
 use super::commands::Commands;
+use super::counts::Counts;
+use super::error::IgtlError;
 use super::hub::Hub;
-use super::publish::{self, Shown};
+use super::state::ServerState;
+use super::{connection, publish};
 
 /// Largest number of clients; further ones are refused at once.
 const CLIENTS: usize = 32;
@@ -23,49 +24,6 @@ const CLIENTS: usize = 32;
 const PAUSE: Duration = Duration::from_millis(200);
 /// Time for which the last messages are awaited at the end.
 const LEAVING: Duration = Duration::from_millis(500);
-
-/// Counters of clients and messages.
-#[derive(Debug, Default)]
-pub struct Counts {
-    /// Clients served.
-    pub served: AtomicU64,
-    /// Connections refused because all slots were taken.
-    pub turned_away: AtomicU64,
-    /// Clients disconnected because they received too little or too slowly.
-    pub cut_off: AtomicU64,
-    /// Clients disconnected because they did not send OpenIGTLink.
-    pub nonsense: AtomicU64,
-    /// Messages replaced by newer ones before they were sent.
-    pub replaced: AtomicU64,
-}
-
-impl Counts {
-    pub(super) fn add(count: &AtomicU64) {
-        count.fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// Returns the counts in words, if there were any clients.
-    pub fn sentence(&self) -> Option<String> {
-        let [served, away, cut, nonsense, replaced] =
-            [&self.served, &self.turned_away, &self.cut_off, &self.nonsense, &self.replaced]
-                .map(|count| count.load(Ordering::Relaxed));
-        (served + away > 0).then(|| {
-            format!(
-                "OpenIGTLink: {served} clients, {away} refused, {cut} disconnected as too slow, {nonsense} for invalid \
-                data; {replaced} messages were replaced by newer ones before they were sent"
-            )
-        })
-    }
-}
-
-/// State shared by the thread's tasks.
-pub(super) struct ServerState {
-    pub(super) hub: Arc<Hub>,
-    pub(super) commands: Arc<Commands>,
-    pub(super) counts: Arc<Counts>,
-    pub(super) clients: RefCell<Vec<Rc<Client>>>,
-    pub(super) shown: RefCell<Shown>,
-}
 
 /// A listening server. Dropping it stops it.
 #[derive(Debug)]
@@ -160,7 +118,7 @@ async fn accept(listener: &tokio::net::TcpListener, house: Rc<ServerState>, mut 
         house.join(&client);
         let (house, stopped) = (Rc::clone(&house), stopped.clone());
         serving.spawn_local(async move {
-            client::serve(&house, &client, stream, stopped).await;
+            connection::serve(&house, &client, stream, stopped).await;
             house.leave(&client);
         });
     }
@@ -178,11 +136,5 @@ impl ServerState {
     fn leave(&self, client: &Rc<Client>) {
         self.clients.borrow_mut().retain(|other| !Rc::ptr_eq(other, client));
         self.count_watchers();
-    }
-
-    /// Counts the clients that want volumes, since only they cause volumes to be made.
-    pub(super) fn count_watchers(&self) {
-        let watchers = self.clients.borrow().iter().filter(|client| client.wants.get().images).count();
-        self.hub.watchers.store(watchers, Ordering::Relaxed);
     }
 }

@@ -395,7 +395,7 @@ fn commands_start_and_stop_session_and_save_volume() {
 #[test]
 fn commands_of_remote_clients_are_refused() {
     let ends = Arc::new(AtomicBool::new(false));
-    let house = Rc::new(server::ServerState {
+    let house = Rc::new(state::ServerState {
         hub: Arc::new(Hub::new()),
         commands: Arc::new(Commands::new(Arc::clone(&ends), None, false)),
         counts: Arc::default(),

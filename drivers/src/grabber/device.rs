@@ -21,7 +21,8 @@ use super::list::{find, is_gone, unfit, why_not_opened};
 use super::pixels::{Converter, Refusal, Rows};
 use super::timing::{FrameClock, Sequence, frame_time};
 use super::v4l2::kernel::{Node, number};
-use super::v4l2::setup::{Setup, Trouble, set_up};
+use super::v4l2::setup::{Setup, set_up};
+use super::v4l2::setup_error::SetupError;
 use super::v4l2::stream::{Filled, Stream};
 use super::{GrabberSettings, Interlace};
 use crate::transport::holder;
@@ -156,19 +157,20 @@ impl Grabber {
         self.doubtful
     }
 
-    fn open(&mut self, now_ns: i64) -> Result<Running, Trouble> {
-        let path = find(&self.settings.device).ok_or_else(|| Trouble::Unusable("is not there; plug it in".into()))?;
-        let unopened = |error| Trouble::Unusable(why_not_opened(&error));
+    fn open(&mut self, now_ns: i64) -> Result<Running, SetupError> {
+        let path =
+            find(&self.settings.device).ok_or_else(|| SetupError::Unusable("is not there; plug it in".into()))?;
+        let unopened = |error| SetupError::Unusable(why_not_opened(&error));
         let node = Arc::new(Node::open(&path).map_err(unopened)?);
         self.health.received.opened += 1;
         let identity = node.identity().map_err(unopened)?;
         if let Some(why) = unfit(&identity) {
-            return Err(Trouble::Unusable(format!("cannot be used: {why}")));
+            return Err(SetupError::Unusable(format!("cannot be used: {why}")));
         }
         let setup = set_up(&node, &self.settings).map_err(|trouble| match trouble {
-            Trouble::Refused { source, .. } if is_gone(&source) => unopened(source),
-            Trouble::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
-                Trouble::Unusable(format!("{} ({doing}: {source})", in_use(&path)))
+            SetupError::Refused { source, .. } if is_gone(&source) => unopened(source),
+            SetupError::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
+                SetupError::Unusable(format!("{} ({doing}: {source})", in_use(&path)))
             }
             other => other,
         })?;
@@ -184,8 +186,8 @@ impl Grabber {
             }
         }
         let stream = Stream::start(Arc::clone(&node), self.settings.buffers).map_err(|error| match error.kind() {
-            std::io::ErrorKind::ResourceBusy => Trouble::Unusable(in_use(&path)),
-            _ => Trouble::Unusable(format!("does not stream: {error}")),
+            std::io::ErrorKind::ResourceBusy => SetupError::Unusable(in_use(&path)),
+            _ => SetupError::Unusable(format!("does not stream: {error}")),
         })?;
         self.health.received.set_up += 1;
         self.sequence.restart();

@@ -60,11 +60,11 @@ fn picture_request_renders_and_returns_png() {
     let image = Image::new(3, 2, Pixels::U8(vec![0, 50, 100, 150, 200, 250].into()));
     let glimpsed = CapturedFrame { item: 7, captured_ns: 0, image: &image };
     screen.captured(&glimpsed);
-    assert_eq!(screen.made(broadcast::Kind::Slice), 0, "nobody looks");
+    assert_eq!(screen.made(Kind::Slice), 0, "nobody looks");
     let shows = std::thread::spawn({
         let screen = Arc::clone(&screen);
         move || {
-            while screen.made(broadcast::Kind::Slice) == 0 {
+            while screen.made(Kind::Slice) == 0 {
                 screen.captured(&CapturedFrame { item: 7, captured_ns: 0, image: &image });
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -76,9 +76,9 @@ fn picture_request_renders_and_returns_png() {
     assert_eq!((status, &headers["content-type"]), (StatusCode::OK, &"image/png".parse().unwrap()));
     let picture = image::load_from_memory(&bytes).unwrap().into_luma8();
     assert_eq!((picture.dimensions(), picture.get_pixel(1, 1).0), ((3, 2), [200]));
-    let made = screen.made(broadcast::Kind::Slice);
+    let made = screen.made(Kind::Slice);
     screen.captured(&CapturedFrame { item: 8, captured_ns: 0, image: &Image::new(1, 1, Pixels::U8(vec![1].into())) });
-    assert_eq!(screen.made(broadcast::Kind::Slice), made, "who asked looks no longer");
+    assert_eq!(screen.made(Kind::Slice), made, "who asked looks no longer");
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn snapshot_writes_files_with_next_free_number() {
     let (status, said) = say(&served, "{\"do\":\"snapshot\"}");
     assert_eq!(status, StatusCode::CONFLICT, "{said}");
     let screen = &served.session.screen;
-    let glance = screen.glance(broadcast::Kind::Slice);
+    let glance = screen.glance(Kind::Slice);
     screen.captured(&CapturedFrame {
         item: 7,
         captured_ns: 0,

@@ -1,5 +1,7 @@
 //! Picking in the volume's picture: hits, misses, and cost.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::{DAffine3, DVec3};
 
 use render::classify::transfer::Transfer;

@@ -15,7 +15,7 @@
 //! the decoder tests whether a block begins at this byte, instead of searching for the next zero.
 //! A lost byte then costs one block and never two. Tests compare the two.
 
-use super::{AXES, Framing, Record, Sample, flag};
+use super::record::{AXES, Framing, Record, Sample, flag};
 use crate::framing::{Look, Refusal};
 
 /// Bytes before their zeros are replaced.

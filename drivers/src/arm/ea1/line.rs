@@ -1,7 +1,7 @@
 //! Lines: `$`, fields, `*`, checksum of two hexadecimal digits, CR LF. The checksum is the
 //! exclusive or of the bytes between `$` and `*`.
 
-use super::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
+use super::record::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
 use crate::framing::{Look, Refusal};
 use crate::numerals;
 

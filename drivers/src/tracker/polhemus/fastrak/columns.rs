@@ -1,7 +1,8 @@
 //! Reads the items of one record, as text in columns or as numbers.
 
+use super::limits::FARTHEST;
 use super::list::{Item, Layout, Mode};
-use super::{FARTHEST, Pose};
+use super::pose::Pose;
 use crate::framing::Refusal;
 use crate::numerals;
 

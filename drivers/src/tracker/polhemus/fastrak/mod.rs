@@ -25,31 +25,22 @@
 
 mod columns;
 pub mod command;
+mod limits;
 mod list;
+mod pose;
 pub mod reply;
 mod unit;
 pub mod write;
 
 pub use command::Command;
+pub use limits::{LONGEST_REPLY, STATIONS};
 pub use list::{Entry, Item, LONGEST_RECORD, Layout, MOST_ENTRIES, Mode};
+pub use pose::Pose;
 pub use reply::{Reply, Status};
 pub(super) use unit::judge_stations;
 pub use unit::{Question, Speech, Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};
-
-/// Maximum number of stations of a unit.
-pub const STATIONS: usize = 4;
-
-/// Longest reply, in bytes: the answer to `O` with a full list has 69 bytes, the status 55.
-pub const LONGEST_REPLY: usize = 128;
-
-/// Length limit of a reply among short records, in bytes: a false beginning of a reply must not
-/// delay records. A status still fits.
-const FEWEST_REPLY_BYTES: usize = 56;
-
-/// Limit of a binary position coordinate, in the unit that was set.
-const FARTHEST: f64 = 500.0;
 
 /// A record or reply from the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,44 +49,6 @@ pub enum Record<'a> {
     Pose(&'a Pose),
     /// An answer to a command, or an error.
     Reply(Reply<'a>),
-}
-
-/// A measurement of a station: the fields of its output list.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Station, from 1.
-    pub station: u8,
-    /// The unit's last error as its letter; a blank for none. It can be older than this record,
-    /// so it qualifies the pose but does not invalidate it.
-    pub error: u8,
-    /// Position in the unit that was set (inches by default, or cm).
-    pub position: Option<[f64; 3]>,
-    /// Position relative to the last such record, in the same unit.
-    pub relative_position: Option<[f64; 3]>,
-    /// Azimuth, elevation, roll in degrees.
-    pub euler_deg: Option<[f64; 3]>,
-    /// Rows of the direction cosine matrix.
-    pub cosines: [Option<[f64; 3]>; 3],
-    /// Quaternion w, x, y, z as sent, not normalised.
-    pub quaternion_wxyz: Option<[f64; 4]>,
-    /// Stylus switch as sent: two characters, a blank and a digit.
-    pub stylus: Option<[u8; 2]>,
-}
-
-impl Pose {
-    /// Returns a pose without measurements.
-    pub const fn empty(station: u8, error: u8) -> Self {
-        Self {
-            station,
-            error,
-            position: None,
-            relative_position: None,
-            euler_deg: None,
-            cosines: [None; 3],
-            quaternion_wxyz: None,
-            stylus: None,
-        }
-    }
 }
 
 /// Reads FASTRAK records and replies; also those of ISOTRAK and ISOTRAK II in text.

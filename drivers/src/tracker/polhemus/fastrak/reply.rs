@@ -1,6 +1,6 @@
 //! Replies of the unit: `'2'`, station, letter, text, CR LF.
 
-use super::STATIONS;
+use super::limits::STATIONS;
 use crate::framing::{Look, Refusal};
 
 /// An answer to a command, or an error.

@@ -16,29 +16,19 @@
 //! The unit answers in [text] until the host selects binary.
 
 pub mod command;
+mod limits;
 mod list;
 pub mod text;
 mod unit;
 mod write;
 
 pub use command::Command;
+pub use limits::{HEADER, MOST_STATIONS};
 pub use list::{Item, LONGEST_BODY, Layout, MOST_ITEMS};
 pub use unit::{Question, Speech, Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};
-
-/// Bytes before a frame's body.
-pub const HEADER: usize = 8;
-
-/// Maximum number of stations of any of these units.
-pub const MOST_STATIONS: u8 = 16;
-
-/// Length limit of a reply among short frames, in bytes: a false beginning of a reply must not
-/// delay frames.
-const FEWEST_REPLY_BYTES: usize = 64;
-
-/// Limit of a position coordinate, in the unit that was set.
-const FARTHEST: f32 = 500.0;
+use limits::{FARTHEST, FEWEST_REPLY_BYTES};
 
 /// Model of the unit: the first two bytes of each frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -10,7 +10,8 @@ use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
 use sonoweave_core::{Description, Ticks, Timing};
 
 use super::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
-use super::{FRAME_HEADER, HEADER, MOST_SENSORS, OrientationUnit, PositionUnit, Record, SENSOR, TRAILER, Viper};
+use super::frame::{FRAME_HEADER, HEADER, SENSOR, TRAILER};
+use super::{MOST_SENSORS, OrientationUnit, PositionUnit, Record, Viper};
 use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
