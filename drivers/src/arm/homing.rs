@@ -294,6 +294,24 @@ impl<P: Copy> Homing<P> {
         );
     }
 
+    /// Returns the status of a reading: like [`Self::status`], but with the jump before it, if the
+    /// counters have `jumped` and an axis lost its zero by that.
+    pub fn status_after(&self, jumped: bool, homed: u8, fault: u8) -> Status {
+        match self.status(homed, fault) {
+            Status::Other(_) if jumped && !self.why.is_empty() => Status::Other(self.why.clone().into()),
+            status => status,
+        }
+    }
+
+    /// Returns the problem of the device after a reading of this status; empty for none.
+    pub fn trouble<'a>(&'a self, status: &'a Status) -> &'a str {
+        match status {
+            Status::Ok => "",
+            Status::Other(why) if self.why.is_empty() => why,
+            Status::Other(_) => &self.why,
+        }
+    }
+
     /// Returns the status of readings, for the homed and the faulty axes (bit by axis of the
     /// device).
     pub fn status(&self, homed: u8, fault: u8) -> Status {

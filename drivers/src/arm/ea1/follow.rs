@@ -221,10 +221,7 @@ impl Follower {
             if homed == self.homing.all() {
                 self.homing.settle();
             }
-            let mut status = self.homing.status(homed, fault);
-            if jumped && status != Status::Ok && !self.homing.why().is_empty() {
-                status = Status::Other(self.homing.why().to_owned().into());
-            }
+            let status = self.homing.status_after(jumped, homed, fault);
             let is_overrun = sample.flags & flag::OVERRUN != 0;
             self.since_overrun = if is_overrun { 0 } else { self.since_overrun.saturating_add(1) };
             self.note(self.since_overrun < SPOKEN_OF, &status);
@@ -287,14 +284,12 @@ impl Follower {
     /// Updates the reported problem from the status of the last reading.
     fn note(&mut self, overrun: bool, status: &Status) {
         let trouble = match status {
-            Status::Other(why) if self.homing.why().is_empty() => why,
-            Status::Other(_) => self.homing.why(),
             Status::Ok if overrun => {
                 "takes more samples than it can send: ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
             }
             // The user chose bare numbers; the warning stays as long as they are in use.
             Status::Ok if self.bare => UNRELIABLE,
-            Status::Ok => "",
+            status => self.homing.trouble(status),
         };
         if self.trouble != trouble {
             trouble.clone_into(&mut self.trouble);

@@ -14,7 +14,7 @@
 use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
-use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
+use sonoweave_core::reading::{AXES, Counts, Reading, Stamp};
 use sonoweave_core::{Description, Timing};
 
 use super::{Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE};
@@ -299,15 +299,8 @@ impl Follower {
         let jumped = passed.held.is_some();
         for (Taken { at_ns, buttons, .. }, counts) in [passed.held, passed.this].into_iter().flatten() {
             let homed = self.homing.homed();
-            let mut status = self.homing.status(homed, 0);
-            if jumped && status != Status::Ok {
-                status = Status::Other(self.homing.why().to_owned().into());
-            }
-            let trouble = match &status {
-                Status::Other(why) if self.homing.why().is_empty() => why,
-                Status::Other(_) => self.homing.why(),
-                Status::Ok => "",
-            };
+            let status = self.homing.status_after(jumped, homed, 0);
+            let trouble = self.homing.trouble(&status);
             if self.trouble != trouble {
                 trouble.clone_into(&mut self.trouble);
             }
