@@ -241,7 +241,7 @@ impl Arguments {
             return Ok(drivers::open(&OpenSettings::Session(settings))?);
         }
         let told = if images { input::turning() } else { Progress::default() };
-        let settings = SequenceSettings { images, told, ..SequenceSettings::new(path) };
+        let settings = SequenceSettings { images, progress: told, ..SequenceSettings::new(path) };
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }
 

@@ -29,9 +29,9 @@ impl ArmDriver {
             Box::new(SerialOpener::new(port, Arc::clone(&clock)))
         };
         Ok(match model {
-            Model::Ea1 { path, speech } => {
+            Model::Ea1 { path, format } => {
                 let opener = line(path, ea1::unit::BAUD);
-                let unit = ea1::Unit::new(opener.name(), settings.clone(), *speech)?;
+                let unit = ea1::Unit::new(opener.name(), settings.clone(), *format)?;
                 Box::new(Connection::new(opener, clock, unit, *keeps_raw))
             }
             Model::Qsb { paths } => {
@@ -71,14 +71,14 @@ mod tests {
 
     use super::*;
     use crate::arm::Settings;
-    use crate::arm::ea1::Speech;
+    use crate::arm::ea1::SampleFormat;
     use crate::arm::microscribe::Family;
 
     #[test]
     fn each_kind_opens_and_missing_arm_is_awaited() {
         let path = || PathBuf::from("/dev/nothing");
         let kinds = [
-            Model::Ea1 { path: path(), speech: Speech::Lines },
+            Model::Ea1 { path: path(), format: SampleFormat::Lines },
             Model::Qsb { paths: [path(), path(), path()] },
             Model::MicroScribe { path: path(), family: Family::MicroScribe, encoders: 5 },
         ];

@@ -2,19 +2,19 @@
 
 use std::path::PathBuf;
 
-use super::ea1::Speech;
+use super::ea1::SampleFormat;
 use super::microscribe::Family;
 use super::settings::Settings;
 
 /// A kind of arm, and its lines.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Model {
-    /// An arm that speaks EA1, or that sends lines of bare numbers.
+    /// An arm with the protocol EA1, or one that sends lines of bare numbers.
     Ea1 {
         /// Serial line.
         path: PathBuf,
         /// Format of its samples.
-        speech: Speech,
+        format: SampleFormat,
     },
     /// Three US Digital QSBs, base first.
     Qsb {

@@ -21,7 +21,7 @@ pub struct SequenceSettings {
     pub limits: Limits,
     /// Receives the progress before the first reading, for a file whose frames must all be read
     /// first.
-    pub told: Progress,
+    pub progress: Progress,
 }
 
 /// Progress callback: receives the numbers of finished parts and of all parts.
@@ -42,7 +42,7 @@ impl SequenceSettings {
             images: true,
             pace: Pace::Unpaced,
             limits: Limits::default(),
-            told: Progress::default(),
+            progress: Progress::default(),
         }
     }
 }

@@ -188,7 +188,7 @@ impl Flags {
             return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
         }
         settings.memory_bytes = most as u64;
-        let sequence = SequenceSettings { told: input::turning(), ..SequenceSettings::new(sequence) };
+        let sequence = SequenceSettings { progress: input::turning(), ..SequenceSettings::new(sequence) };
         Ok(Job {
             survey: OpenSettings::Sequence(SequenceSettings { images: false, ..sequence.clone() }),
             input: OpenSettings::Sequence(sequence),

@@ -1,7 +1,7 @@
 use clap::Parser;
 
 use drivers::OpenSettings;
-use drivers::arm::{ArmSettings, Model as ArmModel, Settings as ArmSetup, ea1::Speech};
+use drivers::arm::{ArmSettings, Model as ArmModel, Settings as ArmSetup, ea1::SampleFormat};
 use drivers::simulated::Placed;
 use drivers::tracker::polhemus::{Model, Port as TrackerPort, Settings, TrackerSettings};
 use sonoweave_core::reading::Reading;
@@ -102,7 +102,7 @@ fn drivers_open_twins_and_read_exact_poses() {
 #[test]
 fn arm_counts_are_read_exactly() {
     let said = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
-        let model = ArmModel::Ea1 { path: link.into(), speech: Speech::Lines };
+        let model = ArmModel::Ea1 { path: link.into(), format: SampleFormat::Lines };
         let settings = OpenSettings::Arm(ArmSettings { model, settings: ArmSetup::default(), keeps_raw: false });
         let joints = arguments.joints(begin_ns).unwrap();
         for reading in readings(&settings, 60) {

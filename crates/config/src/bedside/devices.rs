@@ -215,7 +215,7 @@ impl Arm {
     pub fn open_settings(&self, ports: &[PathBuf], keeps_raw: bool) -> OpenSettings {
         let line = |n: usize| ports.get(n).cloned().unwrap_or_default();
         let model = match self.kind {
-            ArmKind::Ea1(speech) => arm::Model::Ea1 { path: line(0), speech },
+            ArmKind::Ea1(format) => arm::Model::Ea1 { path: line(0), format },
             ArmKind::Qsb => arm::Model::Qsb { paths: [line(0), line(1), line(2)] },
             ArmKind::MicroScribe(family, encoders) => arm::Model::MicroScribe { path: line(0), family, encoders },
         };
@@ -223,7 +223,7 @@ impl Arm {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
-        use arm::ea1::Speech::{Blocks, Lines};
+        use arm::ea1::SampleFormat::{Blocks, Lines};
         let given: schema::devices::Arm = keys.read()?;
         let mut kind = keys.need("kind", given.kind)?.0;
         if given.blocks {

@@ -22,9 +22,9 @@ pub(super) mod unit;
 
 pub use command::Command;
 pub use record::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, error, flag};
-pub use unit::{Speech, Unit};
+pub use unit::{SampleFormat, Unit};
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 
 /// Longest sample, in bytes: a line with every number at its longest.
 pub const LONGEST_SAMPLE: usize = 71;
@@ -69,19 +69,19 @@ impl Format for Ea1 {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
-        let look = match window[0] {
-            b'$' => line::look(window),
-            block::FEWEST_CODE..=block::MOST_CODE => block::look(window),
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
+        let parsed = match window[0] {
+            b'$' => line::parse(window),
+            block::FEWEST_CODE..=block::MOST_CODE => block::parse(window),
             b'0'..=b'9' | b'-' if self.bare_numbers && self.line_begins => line::bare_numbers(window),
-            _ => Look::skip_byte(Refusal::Noise),
+            _ => Parsed::skip_byte(Refusal::Noise),
         };
-        match look {
-            Look::Record { .. } => self.line_begins = true,
-            Look::Skip { bytes, .. } => self.line_begins = window[bytes - 1] == b'\n',
-            Look::Short => {}
+        match parsed {
+            Parsed::Record { .. } => self.line_begins = true,
+            Parsed::Skip { bytes, .. } => self.line_begins = window[bytes - 1] == b'\n',
+            Parsed::Short => {}
         }
-        look
+        parsed
     }
 
     fn interrupted(&mut self) {

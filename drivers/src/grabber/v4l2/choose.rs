@@ -36,7 +36,7 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
             && settings.size.is_none_or(|size| size == offer.size)
             && (settings.format.is_some() || settings.colour == Colour::Grey || !offer.format.is_grey())
     };
-    let wanted = settings.rate_hz.unwrap_or(FLUENT) * NEARLY;
+    let least_hz = settings.rate_hz.unwrap_or(FLUENT) * NEARLY;
     let order = |format: PixelFormat| {
         let place = PixelFormat::ALL.iter().position(|&one| one == format).unwrap_or(usize::MAX);
         // Stored RGB gives better colour than formats that must be converted to it.
@@ -44,7 +44,7 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
     };
     let merit = |offer: &Offer| {
         let [width, height] = offer.size.map(u64::from);
-        let fluent = offer.rate().is_none_or(|rate| rate >= wanted);
+        let fluent = offer.rate().is_none_or(|rate| rate >= least_hz);
         let raw = offer.format != PixelFormat::Mjpg;
         (fluent, width * height, raw, std::cmp::Reverse(order(offer.format)))
     };

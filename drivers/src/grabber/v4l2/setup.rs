@@ -75,14 +75,14 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, S
 
 fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>, SetupError> {
     let inputs = node.inputs();
-    let Some(wanted) = &settings.input else {
+    let Some(requested) = &settings.input else {
         let current = node.input().ok();
         return Ok(inputs.into_iter().find(|input| Some(input.index) == current));
     };
-    let is_it = |input: &&Input| input.name.eq_ignore_ascii_case(wanted) || input.index.to_string() == *wanted;
+    let is_it = |input: &&Input| input.name.eq_ignore_ascii_case(requested) || input.index.to_string() == *requested;
     let Some(input) = inputs.iter().find(is_it).cloned() else {
         let names: Vec<String> = inputs.iter().map(|input| format!("{} ({})", input.name, input.index)).collect();
-        return Err(SetupError::Unfit(format!("it has no input {wanted}; its inputs are {}", names.join(", "))));
+        return Err(SetupError::Unfit(format!("it has no input {requested}; its inputs are {}", names.join(", "))));
     };
     if node.input().ok() != Some(input.index) {
         node.set_input(input.index).map_err(doing("choosing the input"))?;
@@ -92,7 +92,7 @@ fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>
 
 /// Sets the standard; returns whether the current standard has 525 lines.
 fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Result<bool, SetupError> {
-    let wanted = match settings.standard {
+    let requested = match settings.standard {
         Some(Standard::Ntsc) => number::STANDARD_NTSC,
         Some(Standard::Pal) => number::STANDARD_PAL,
         Some(Standard::Secam) => number::STANDARD_SECAM,
@@ -103,8 +103,8 @@ fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Resul
             if one_system { seen } else { 0 }
         }
     };
-    if wanted != 0 && node.standard().ok() != Some(wanted) {
-        node.set_standard(wanted).map_err(doing("setting the video standard"))?;
+    if requested != 0 && node.standard().ok() != Some(requested) {
+        node.set_standard(requested).map_err(doing("setting the video standard"))?;
     }
     let standard = node.standard().map_err(doing("reading the video standard"))?;
     Ok(standard & number::STANDARD_525 != 0)
@@ -163,8 +163,8 @@ fn set_rate(node: &Node, offer: &Offer, settings: &GrabberSettings) -> Option<f6
     if settable {
         // Frames per second, in thousandths. If no rate is requested, the highest: devices may
         // default to as little as five.
-        let wish = settings.rate_hz.map(|rate| [1000, (rate.clamp(0.1, 1000.0) * 1000.0).round() as u32]);
-        if let Some(interval) = wish.or(offer.interval) {
+        let interval = settings.rate_hz.map(|rate| [1000, (rate.clamp(0.1, 1000.0) * 1000.0).round() as u32]);
+        if let Some(interval) = interval.or(offer.interval) {
             // A driver that refuses keeps its own rate, which is read below.
             let _ = node.set_interval(interval);
         }

@@ -38,9 +38,9 @@ pub use list::{Entry, Item, LONGEST_RECORD, Layout, MOST_ENTRIES, Mode};
 pub use pose::Pose;
 pub use reply::{Reply, Status};
 pub(super) use unit::judge_stations;
-pub use unit::{Question, Speech, Unit, status_of};
+pub use unit::{FastrakProtocol, Question, Unit, status_of};
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 
 /// A record or reply from the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,24 +99,24 @@ impl Fastrak {
 
     /// Judges the window while unsynchronised, or when something other than a record begins.
     #[cold]
-    fn search<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn search<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         match judge(&self.layouts, self.reply_bytes, window, &mut self.pose) {
-            Look::Record { length, record: None } => {
+            Parsed::Record { length, record: None } => {
                 match judge(&self.layouts, self.reply_bytes, &window[length..], &mut self.next) {
-                    Look::Record { .. } => {
+                    Parsed::Record { .. } => {
                         self.locked = true;
-                        Look::Record { length, record: Record::Pose(&self.pose) }
+                        Parsed::Record { length, record: Record::Pose(&self.pose) }
                     }
-                    Look::Skip { .. } => Look::skip_byte(Refusal::Unconfirmed),
-                    Look::Short => Look::Short,
+                    Parsed::Skip { .. } => Parsed::skip_byte(Refusal::Unconfirmed),
+                    Parsed::Short => Parsed::Short,
                 }
             }
-            Look::Record { length, record: Some(reply) } => Look::Record { length, record: Record::Reply(reply) },
-            Look::Skip { bytes, why } => {
+            Parsed::Record { length, record: Some(reply) } => Parsed::Record { length, record: Record::Reply(reply) },
+            Parsed::Skip { bytes, why } => {
                 self.locked = false;
-                Look::Skip { bytes, why }
+                Parsed::Skip { bytes, why }
             }
-            Look::Short => Look::Short,
+            Parsed::Short => Parsed::Short,
         }
     }
 }
@@ -127,33 +127,33 @@ fn judge<'a>(
     reply_bytes: usize,
     window: &'a [u8],
     pose: &mut Pose,
-) -> Look<Option<Reply<'a>>> {
+) -> Parsed<Option<Reply<'a>>> {
     match window.first() {
-        None => Look::Short,
+        None => Parsed::Short,
         Some(b'0') => judge_record(layouts, window, pose).map(|()| None),
         Some(b'2') => reply::judge(window, reply_bytes).map(Some),
-        Some(_) => Look::skip_byte(Refusal::Noise),
+        Some(_) => Parsed::skip_byte(Refusal::Noise),
     }
 }
 
 #[inline(always)]
-fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut Pose) -> Look<()> {
+fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut Pose) -> Parsed<()> {
     let layout = match window.get(1) {
-        None => return Look::Short,
+        None => return Parsed::Short,
         Some(station) => match layouts.get(usize::from(station.wrapping_sub(b'1'))) {
             Some(Some(layout)) => layout,
-            _ => return Look::skip_byte(Refusal::Header),
+            _ => return Parsed::skip_byte(Refusal::Header),
         },
     };
     if window.get(2).is_some_and(|error| !(0x20..0x7f).contains(error)) {
-        return Look::skip_byte(Refusal::Header);
+        return Parsed::skip_byte(Refusal::Header);
     }
     let Some(bytes) = window.get(..layout.length()) else {
-        return Look::Short;
+        return Parsed::Short;
     };
     match columns::read(bytes, layout, pose) {
-        Ok(()) => Look::Record { length: bytes.len(), record: () },
-        Err(why) => Look::skip_byte(why),
+        Ok(()) => Parsed::Record { length: bytes.len(), record: () },
+        Err(why) => Parsed::skip_byte(why),
     }
 }
 
@@ -171,11 +171,11 @@ impl Format for Fastrak {
     }
 
     #[inline]
-    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         if self.locked && window[0] == b'0' {
-            let look = judge_record(&self.layouts, window, &mut self.pose);
-            self.locked = !matches!(look, Look::Skip { .. });
-            return look.map(|()| Record::Pose(&self.pose));
+            let parsed = judge_record(&self.layouts, window, &mut self.pose);
+            self.locked = !matches!(parsed, Parsed::Skip { .. });
+            return parsed.map(|()| Record::Pose(&self.pose));
         }
         self.search(window)
     }

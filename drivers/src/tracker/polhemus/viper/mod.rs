@@ -18,9 +18,9 @@ pub mod write;
 
 pub use command::{Action, Command, Nak, Reply};
 pub use frame::{Frame, LONGEST_SIZE, MOST_SENSORS, OrientationUnit, PositionUnit, Sensor};
-pub use unit::{Question, Speech, Unit};
+pub use unit::{Question, Unit, ViperProtocol};
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 use command::REPLY_HEADER;
 use frame::{CRC, FRAME_HEADER, HEADER, SENSOR, TRAILER, frame};
 
@@ -59,18 +59,18 @@ impl Format for Viper {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         let Some(&[p0, p1, p2, p3, s0, s1, s2, s3]) = window.first_chunk::<HEADER>() else {
             let begins = |preamble: &[u8; 4]| window.iter().zip(preamble).all(|(byte, letter)| byte == letter);
             return match begins(b"VPRC") || begins(b"VPRP") {
-                true => Look::Short,
-                false => Look::skip_byte(Refusal::Noise),
+                true => Parsed::Short,
+                false => Parsed::skip_byte(Refusal::Noise),
             };
         };
         let measured = match &[p0, p1, p2, p3] {
             b"VPRP" => true,
             b"VPRC" => false,
-            _ => return Look::skip_byte(Refusal::Noise),
+            _ => return Parsed::skip_byte(Refusal::Noise),
         };
         let size = u32::from_le_bytes([s0, s1, s2, s3]) as usize;
         let good = if measured {
@@ -81,20 +81,20 @@ impl Format for Viper {
             (REPLY_HEADER + TRAILER..=LONGEST_SIZE).contains(&size)
         };
         if !good {
-            return Look::skip_byte(Refusal::Length);
+            return Parsed::skip_byte(Refusal::Length);
         }
         let length = HEADER + size;
         let Some((summed, sum)) = window.get(..length).and_then(|frame| frame.split_last_chunk::<TRAILER>()) else {
-            return Look::Short;
+            return Parsed::Short;
         };
         if u32::from(CRC.checksum(summed)) != u32::from_le_bytes(*sum) {
-            return Look::skip_byte(Refusal::Checksum);
+            return Parsed::skip_byte(Refusal::Checksum);
         }
         let body = &summed[HEADER..];
         let record = if measured { frame(body).map(Record::Frame) } else { Reply::read(body).map(Record::Reply) };
         match record {
-            Some(record) => Look::Record { length, record },
-            None => Look::skip_byte(Refusal::Field),
+            Some(record) => Parsed::Record { length, record },
+            None => Parsed::skip_byte(Refusal::Field),
         }
     }
 }
