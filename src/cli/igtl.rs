@@ -17,9 +17,9 @@ use super::Failure;
 use super::live::outputs::say;
 
 /// Polling interval for the start of a session.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL: Duration = Duration::from_millis(20);
 /// Time between two status sentences.
-const TELL_EVERY: Duration = Duration::from_millis(500);
+const STATUS_EVERY: Duration = Duration::from_millis(500);
 
 /// Flags of the OpenIGTLink server.
 #[derive(Debug, Clone, Default, Args)]
@@ -42,7 +42,7 @@ pub(in crate::cli) struct Shared {
     hub: Arc<Hub>,
     commands: Arc<Commands>,
     server: Server,
-    told: Option<Instant>,
+    reported: Option<Instant>,
 }
 
 impl Sharing {
@@ -59,7 +59,7 @@ impl Sharing {
         let Some(address) = self.igtl else { return Ok(None) };
         let hub = Arc::new(Hub::new());
         let commands = Arc::new(Commands::new(Arc::clone(ends), self.igtl_save.clone(), self.igtl_wait));
-        hub.tell(false, if self.igtl_wait { "waits for the command start" } else { "the session has not begun" });
+        hub.set_status(false, if self.igtl_wait { "waits for the command start" } else { "the session has not begun" });
         let server = Server::new(address, Arc::clone(&hub), Arc::clone(&commands))
             .map_err(|error| Failure(format!("--igtl: {error}")))?;
         if !quiet {
@@ -70,9 +70,9 @@ impl Sharing {
                 );
             }
         }
-        let shared = Shared { hub, commands, server, told: None };
+        let shared = Shared { hub, commands, server, reported: None };
         while !shared.commands.may_start() && !ends.load(Ordering::Relaxed) {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
         Ok(Some(shared))
     }
@@ -92,9 +92,9 @@ impl Shared {
 
     /// Sends the session's status to clients.
     pub(in crate::cli) fn tell(&mut self, sentence: impl FnOnce() -> String) {
-        if self.told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
-            self.told = Some(Instant::now());
-            self.hub.tell(true, &sentence());
+        if self.reported.is_none_or(|reported| reported.elapsed() >= STATUS_EVERY) {
+            self.reported = Some(Instant::now());
+            self.hub.set_status(true, &sentence());
         }
     }
 

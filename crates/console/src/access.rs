@@ -69,20 +69,20 @@ impl Gate {
     }
 
     fn is_known(&self, headers: &HeaderMap) -> bool {
-        let told = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
-        let mut ids = told.flat_map(|cookie| cookies(cookie, &self.cookie));
+        let sent = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+        let mut ids = sent.flat_map(|cookie| cookies(cookie, &self.cookie));
         let browsers = self.browsers.lock().unwrap_or_else(PoisonError::into_inner);
         ids.any(|id| browsers.knows(id))
     }
 
-    fn show(&self, token: &Token, told: &str, from: IpAddr) -> TokenCheck {
+    fn check(&self, token: &Token, sent: &str, from: IpAddr) -> TokenCheck {
         let mut attempts = self.attempts.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         if let Some(wait) = attempts.waits(from, now) {
-            Counts::add(&self.counts.tokens_unheard);
+            Counts::add(&self.counts.tokens_unchecked);
             return TokenCheck::TooOften(wait);
         }
-        if token.is(told) {
+        if token.is(sent) {
             return TokenCheck::Right;
         }
         attempts.failed(from, now);
@@ -109,8 +109,8 @@ pub(super) async fn only_known(State(gate): State<Arc<Gate>>, request: Request, 
     if OPEN.contains(&request.uri().path()) || gate.is_known(request.headers()) {
         return next.run(request).await;
     }
-    let told = request.headers().get(header::AUTHORIZATION).and_then(|told| bearer(told.to_str().ok()?));
-    match told.map(|told| gate.show(token, told, peer(request.extensions()))) {
+    let sent = request.headers().get(header::AUTHORIZATION).and_then(|sent| bearer(sent.to_str().ok()?));
+    match sent.map(|sent| gate.check(token, sent, peer(request.extensions()))) {
         Some(TokenCheck::Right) => next.run(request).await,
         Some(TokenCheck::TooOften(wait)) => too_often(wait),
         None if request.uri().path() == "/" && matches!(*request.method(), Method::GET | Method::HEAD) => page::login(),
@@ -134,10 +134,10 @@ pub(super) async fn login(State(gate): State<Arc<Gate>>, extensions: Extensions,
     let Some(token) = &gate.token else {
         return (StatusCode::NOT_FOUND, "this session has no token; none is needed\n").into_response();
     };
-    let Ok(Login { token: told }) = serde_json::from_slice(&body) else {
+    let Ok(Login { token: sent }) = serde_json::from_slice(&body) else {
         return (StatusCode::BAD_REQUEST, "send the token as {\"token\": \"…\"}\n").into_response();
     };
-    match gate.show(token, told.trim(), peer(&extensions)) {
+    match gate.check(token, sent.trim(), peer(&extensions)) {
         TokenCheck::Right => match gate.admit() {
             Some(cookie) => (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response(),
             None => {

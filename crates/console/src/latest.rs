@@ -31,7 +31,7 @@ pub struct Basis {
     /// The session's settings, key by key.
     pub config: Effective,
     /// Uncertainty of measured places.
-    pub doubt: Uncertainty,
+    pub uncertainty: Uncertainty,
     /// Description of the session's pictures.
     pub about: About,
 }
@@ -48,7 +48,7 @@ pub struct Latest {
 pub(super) struct Report {
     pub(super) at: Instant,
     pub(super) account: Arc<SessionStatus>,
-    pub(super) coach: Option<Arc<GuidanceStatus>>,
+    pub(super) guidance: Option<Arc<GuidanceStatus>>,
     pub(super) basis: Arc<Basis>,
     pub(super) still: Vec<String>,
     pub(super) ended: bool,
@@ -67,7 +67,7 @@ impl Latest {
         let report = Report {
             at: began,
             account: Arc::default(),
-            coach: None,
+            guidance: None,
             basis: Arc::new(basis),
             still: Vec::new(),
             ended: false,
@@ -76,15 +76,15 @@ impl Latest {
     }
 
     /// Stores the present status and the stalled stages.
-    pub fn tell(&self, account: &SessionStatus, still: &[String]) {
+    pub fn publish(&self, account: &SessionStatus, still: &[String]) {
         let (account, still) = (Arc::new(account.clone()), still.to_vec());
         let mut report = self.lock();
         (report.at, report.account, report.still) = (Instant::now(), account, still);
     }
 
     /// Stores the present scan guidance.
-    pub fn coached(&self, coach: GuidanceStatus) {
-        self.lock().coach = Some(Arc::new(coach));
+    pub fn publish_guidance(&self, guidance: GuidanceStatus) {
+        self.lock().guidance = Some(Arc::new(guidance));
     }
 
     /// Records that the session is ending: from now on it only finishes its output.
@@ -108,6 +108,6 @@ impl Latest {
 
     pub(super) fn statistics<'a>(&'a self, report: &'a Report) -> LiveStatistics<'a> {
         LiveStatistics::new(&report.account, report.at.duration_since(self.began), &report.basis.config)
-            .with_coach(report.coach.as_deref())
+            .with_guidance(report.guidance.as_deref())
     }
 }

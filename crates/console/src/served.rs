@@ -22,9 +22,9 @@ pub struct ConsoleSession {
     /// The session status.
     pub latest: Arc<Latest>,
     /// The pictures.
-    pub screen: Arc<FrameBroadcaster>,
+    pub broadcaster: Arc<FrameBroadcaster>,
     /// The session controller.
-    pub desk: Arc<SessionController>,
+    pub controller: Arc<SessionController>,
     /// The slices that contributed to places.
     pub slices: Arc<Slices>,
 }
@@ -36,24 +36,24 @@ pub struct Served {
     pub session: ConsoleSession,
     /// Whether a snapshot is being saved.
     pub(super) snapping: Arc<AtomicBool>,
-    pub(super) places: Arc<ViewerSlots>,
+    pub(super) viewer_slots: Arc<ViewerSlots>,
     /// Ends long-lived connections.
     pub(super) stopped: watch::Receiver<()>,
     pub(super) gate: Arc<Gate>,
-    pub(super) shelf: Arc<EncodeCache>,
+    pub(super) jpeg_cache: Arc<EncodeCache>,
 }
 
 impl Served {
     /// Serves until `stopped` changes or its sender is gone.
     pub fn new(session: ConsoleSession, stopped: watch::Receiver<()>) -> Self {
-        let (places, gate, shelf) =
+        let (viewer_slots, gate, jpeg_cache) =
             (Arc::new(ViewerSlots::new(viewer_slots::PATIENCE)), Arc::default(), Arc::default());
-        Self { session, snapping: Arc::default(), places, stopped, gate, shelf }
+        Self { session, snapping: Arc::default(), viewer_slots, stopped, gate, jpeg_cache }
     }
 
     /// Sets the time after which inactive pages make room for new ones.
     pub(super) fn patient_for(self, patience: Duration) -> Self {
-        Self { places: Arc::new(ViewerSlots::new(patience)), ..self }
+        Self { viewer_slots: Arc::new(ViewerSlots::new(patience)), ..self }
     }
 
     /// Serves only requests that `gate` admits.

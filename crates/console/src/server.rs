@@ -22,7 +22,7 @@ use tokio_rustls::TlsAcceptor;
 use listener::{Bound, Connections, ServerThread};
 
 use super::connection_info::ConnectionInfo;
-use super::connection_limiter::{ConnectionLimiter, Place};
+use super::connection_limiter::{ConnectionLimiter, ConnectionSlot};
 use super::counts::Counts;
 use super::error::ConsoleError;
 use super::listen::{Door, Listen};
@@ -114,19 +114,19 @@ fn url(address: SocketAddr, door: &Door) -> String {
 
 /// Accepts connections until the server ends.
 async fn accept(mut connections: Connections, door: Door, served: Served) {
-    let (pages, counts) = (Arc::clone(&served.places), Arc::clone(&served.gate.counts));
+    let (pages, counts) = (Arc::clone(&served.viewer_slots), Arc::clone(&served.gate.counts));
     let service = TowerToHyperService::new(routes(served));
     let limiter = Arc::new(ConnectionLimiter::default());
     let mut serving = JoinSet::new();
     let mut stopped = connections.stopped();
     while let Some((stream, peer)) = connections.next(&mut serving).await {
-        let (place, gave_way) = tokio::select! {
+        let (slot, has_evicted) = tokio::select! {
             _ = stopped.changed() => break,
             entered = limiter.enter() => entered,
         };
         Counts::add(&counts.connections);
-        if gave_way {
-            Counts::add(&counts.gave_way);
+        if has_evicted {
+            Counts::add(&counts.evictions);
         }
         let Ok(local) = stream.local_addr() else { continue };
         let line = ConnectionInfo { local, peer, secured: door.tls.is_some() };
@@ -134,8 +134,8 @@ async fn accept(mut connections: Connections, door: Door, served: Served) {
             (door.tls.clone(), service.clone(), Arc::clone(&counts), connections.stopped());
         serving.spawn(async move {
             tokio::select! {
-                () = serve(stream, tls, service, line, &place, &counts, stopped) => {}
-                () = place.sent_away() => tracing::debug!("the idle connection of {peer} was closed"),
+                () = serve(stream, tls, service, line, &slot, &counts, stopped) => {}
+                () = slot.evicted() => tracing::debug!("the idle connection of {peer} was closed"),
             }
         });
     }
@@ -150,13 +150,13 @@ async fn serve(
     tls: Option<TlsAcceptor>,
     service: TowerToHyperService<Router>,
     line: ConnectionInfo,
-    place: &Place,
+    slot: &ConnectionSlot,
     counts: &Counts,
     stopped: watch::Receiver<()>,
 ) {
-    let Some(tls) = tls else { return talk(stream, service, line, place, stopped).await };
+    let Some(tls) = tls else { return talk(stream, service, line, slot, stopped).await };
     match tokio::time::timeout(ASKING, tls.accept(stream)).await {
-        Ok(Ok(stream)) => talk(stream, service, line, place, stopped).await,
+        Ok(Ok(stream)) => talk(stream, service, line, slot, stopped).await,
         Ok(Err(error)) => {
             Counts::add(&counts.no_tls);
             tracing::debug!("the TLS connection of {} failed: {error}", line.peer);
@@ -173,16 +173,16 @@ async fn talk(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     service: TowerToHyperService<Router>,
     line: ConnectionInfo,
-    place: &Place,
+    slot: &ConnectionSlot,
     mut stopped: watch::Receiver<()>,
 ) {
     let service = service_fn(|mut request: axum::http::Request<Incoming>| {
-        place.is_answered(true);
+        slot.is_answered(true);
         request.extensions_mut().insert(line);
         let answer = service.call(request);
         async move {
             let answer = answer.await;
-            place.is_answered(false);
+            slot.is_answered(false);
             answer
         }
     });

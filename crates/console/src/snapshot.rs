@@ -30,21 +30,21 @@ impl Drop for Busy {
 /// # Errors
 /// A sentence if there is no picture, or no folder to write to.
 pub(super) fn keep(served: &Served) -> Result<String, String> {
-    let (desk, screen) = (&served.session.desk, &served.session.screen);
-    let folder = desk.folder()?.to_owned();
-    let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| screen.newest(kind)).collect();
+    let (controller, broadcaster) = (&served.session.controller, &served.session.broadcaster);
+    let folder = controller.folder()?.to_owned();
+    let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| broadcaster.newest(kind)).collect();
     if shots.is_empty() {
         return Err("there is no picture yet to save".into());
     }
     if served.snapping.swap(true, Ordering::Relaxed) {
         return Err("the last snapshot is still being written; wait for it".into());
     }
-    let (busy, desk) = (Busy(Arc::clone(&served.snapping)), Arc::clone(desk));
+    let (busy, controller) = (Busy(Arc::clone(&served.snapping)), Arc::clone(controller));
     let write = move || {
         let busy = busy;
         match write(&folder, &shots) {
-            Ok(first) => desk.happened(Progress::Done, format!("the pictures are saved: {}", first.display())),
-            Err(why) => desk.happened(Progress::Failed, format!("the pictures are not saved: {why}")),
+            Ok(first) => controller.happened(Progress::Done, format!("the pictures are saved: {}", first.display())),
+            Err(why) => controller.happened(Progress::Failed, format!("the pictures are not saved: {why}")),
         }
         drop(busy);
     };

@@ -13,7 +13,7 @@ use super::outbox::{Outbox, Wire};
 
 /// Messages that a client receives without request.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
+pub(super) struct Subscriptions {
     pub(super) images: bool,
     pub(super) transforms: bool,
 }
@@ -23,13 +23,13 @@ pub(super) struct Client {
     /// Whether it is on this machine.
     pub(super) is_local: bool,
     pub(super) version: Cell<Version>,
-    pub(super) wants: Cell<Wanted>,
+    pub(super) subscriptions: Cell<Subscriptions>,
     /// Whether it has requested POSITIONs.
     pub(super) positions: Cell<bool>,
     /// TDATA: smallest interval, and time of the next one.
     pub(super) tools: Cell<Option<(Duration, Instant)>>,
     /// Time and name of its request for a volume.
-    pub(super) asked: Cell<Option<(Instant, Fixed<20>)>>,
+    pub(super) volume_request: Cell<Option<(Instant, Fixed<20>)>>,
     outbox: RefCell<Outbox>,
     pub(super) more: Notify,
     /// Whether it requests more than it receives.
@@ -41,10 +41,10 @@ impl Client {
         Self {
             is_local,
             version: Cell::new(Version::One),
-            wants: Cell::new(Wanted { images: true, transforms: true }),
+            subscriptions: Cell::new(Subscriptions { images: true, transforms: true }),
             positions: Cell::new(false),
             tools: Cell::new(None),
-            asked: Cell::new(None),
+            volume_request: Cell::new(None),
             outbox: RefCell::default(),
             more: Notify::new(),
             choked: Cell::new(false),
@@ -65,8 +65,8 @@ impl Client {
     }
 
     /// Queues a published message.
-    pub(super) fn show(&self, name: &str, wire: Wire, counts: &Counts) {
-        self.outbox.borrow_mut().show(name, wire, &counts.replaced);
+    pub(super) fn publish(&self, name: &str, wire: Wire, counts: &Counts) {
+        self.outbox.borrow_mut().publish(name, wire, &counts.replaced);
         self.more.notify_one();
     }
 }

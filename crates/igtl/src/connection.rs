@@ -27,7 +27,7 @@ const READ: usize = 4096;
 
 /// Serves until the client leaves, is disconnected, or the server ends.
 pub(super) async fn serve(
-    house: &Rc<ServerState>,
+    state: &Rc<ServerState>,
     client: &Rc<Client>,
     stream: TcpStream,
     mut stopped: watch::Receiver<()>,
@@ -62,16 +62,16 @@ pub(super) async fn serve(
                 let outcome = decoder.feed(&buffer[..read], &mut |event| events.push(event));
                 for event in events {
                     match event {
-                        Event::Message(message, _) => house.hear(client, *message),
-                        Event::Refused(why) => house.refuse(client, &why),
+                        Event::Message(message, _) => state.handle(client, *message),
+                        Event::Refused(why) => state.refuse(client, &why),
                     }
                 }
                 if let Err(why) = outcome {
                     tracing::debug!("an OpenIGTLink client sent invalid data: {why}");
-                    return Counts::add(&house.counts.nonsense);
+                    return Counts::add(&state.counts.nonsense);
                 }
                 if decoder.refused() > REFUSED {
-                    return Counts::add(&house.counts.nonsense);
+                    return Counts::add(&state.counts.nonsense);
                 }
             }
             ready = stream.writable(), if sending.is_some() => {
@@ -94,14 +94,14 @@ pub(super) async fn serve(
             () = client.more.notified(), if sending.is_none() => {}
             () = sleep_until(since + STALL), if sending.is_some() => {
                 if taken < LEAST {
-                    return Counts::add(&house.counts.cut_off);
+                    return Counts::add(&state.counts.cut_off);
                 }
                 (since, taken) = (Instant::now(), 0);
             }
             _ = stopped.changed(), if !is_stopped => is_stopped = true,
         }
         if client.choked.get() {
-            return Counts::add(&house.counts.cut_off);
+            return Counts::add(&state.counts.cut_off);
         }
     }
 }

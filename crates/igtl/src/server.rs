@@ -42,8 +42,8 @@ impl Server {
         let counts = Arc::new(Counts::default());
         let counted = Arc::clone(&counts);
         let serve = bound.start("igtl", move |runtime, connections| {
-            let (clients, shown) = (RefCell::default(), RefCell::default());
-            let state = Rc::new(ServerState { hub, commands, counts: counted, clients, shown });
+            let (clients, published) = (RefCell::default(), RefCell::default());
+            let state = Rc::new(ServerState { hub, commands, counts: counted, clients, published });
             LocalSet::new().block_on(&runtime, accept(connections, state));
             runtime.shutdown_timeout(SAVING);
         });

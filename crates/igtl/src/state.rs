@@ -23,20 +23,20 @@ pub(super) struct ServerState {
     pub(super) commands: Arc<Commands>,
     pub(super) counts: Arc<Counts>,
     pub(super) clients: RefCell<Vec<Rc<Client>>>,
-    pub(super) shown: RefCell<Shown>,
+    pub(super) published: RefCell<LastPublished>,
 }
 
 impl ServerState {
     /// Counts the clients that want volumes, since only they cause volumes to be made.
     pub(super) fn count_watchers(&self) {
-        let watchers = self.clients.borrow().iter().filter(|client| client.wants.get().images).count();
+        let watchers = self.clients.borrow().iter().filter(|client| client.subscriptions.get().images).count();
         self.hub.watchers.store(watchers, Ordering::Relaxed);
     }
 }
 
 /// The messages published last, for requests.
 #[derive(Default)]
-pub(super) struct Shown {
+pub(super) struct LastPublished {
     pub(super) world: String,
     pub(super) slice: Option<Both>,
     pub(super) volume: Option<Both>,

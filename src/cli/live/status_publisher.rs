@@ -53,8 +53,8 @@ impl StatusPublisher {
             (Some(listen), Some(screen)) => {
                 let session = ConsoleSession {
                     latest: Arc::clone(&latest),
-                    screen: Arc::clone(screen),
-                    desk: Arc::clone(desk),
+                    broadcaster: Arc::clone(screen),
+                    controller: Arc::clone(desk),
                     slices: Arc::clone(&slices),
                 };
                 Some(Console::open(listen, session)?)
@@ -116,7 +116,7 @@ impl StatusPublisher {
     /// Publishes the final status.
     pub(in crate::cli) fn over(&mut self, account: &SessionStatus) {
         self.told = Some(Instant::now());
-        self.latest.tell(account, &[]);
+        self.latest.publish(account, &[]);
     }
 
     /// Publishes the status while the session runs, and once when it begins to end.
@@ -132,16 +132,16 @@ impl StatusPublisher {
             self.told = Some(Instant::now());
             // Scan guidance is useless for a replay.
             if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+                self.latest.publish_guidance(coach.tell(account, Monotonic.now_ns()));
             }
-            self.latest.tell(account, self.service.still());
+            self.latest.publish(account, self.service.still());
         }
     }
 }
 
 /// Returns the session's settings, as published.
 fn basis(bedside: &Bedside, kind: &'static str) -> Basis {
-    Basis { config: bedside.effective.clone(), doubt: doubt(bedside), about: about(bedside, kind) }
+    Basis { config: bedside.effective.clone(), uncertainty: doubt(bedside), about: about(bedside, kind) }
 }
 
 /// Returns the slices' kernels, if the calibration gives the pixel size.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use config::bedside::Picture;
 use console::FrameBroadcaster;
-use console::style::Ground;
+use console::style::ConfiguredStyle;
 use pipeline::live::{Drawn, First, ViewClient};
 use render::camera::View;
 use render::{Mode, RenderSettings, Renderer};
@@ -43,7 +43,7 @@ impl Viewers {
         if let (Some(screen), Ok(settings)) = (&self.screen, picture.settings(None)) {
             let (name, range) = (picture.look.transfer_name().to_owned(), picture.window);
             let heeded = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
-            screen.ground(Ground { transfer: settings.transfer, name, range, heeded });
+            screen.configure(ConfiguredStyle { transfer: settings.transfer, name, range, uses_opacities: heeded });
         }
     }
 
@@ -71,12 +71,12 @@ impl ViewClient for Viewers {
     }
 
     fn dressing(&self) -> u64 {
-        self.screen.as_ref().map_or(0, |screen| screen.dressing())
+        self.screen.as_ref().map_or(0, |screen| screen.style_number())
     }
 
     fn dress(&self, settings: &mut RenderSettings) {
         if let Some(screen) = &self.screen {
-            screen.put_on(settings);
+            screen.apply_style(settings);
         }
     }
 

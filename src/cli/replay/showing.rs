@@ -90,7 +90,7 @@ impl Showing<'_> {
             let stages = self.stages(&bedside)?;
             stages.observers.iter().for_each(|observer| observer.cleared());
             if let Some(screen) = self.telling.screen() {
-                screen.point_out(None);
+                screen.highlight(None);
             }
             self.desk.runs(false, name_of(self.wanted.session));
             let held = match self.weave(&stages, &bedside, is_tried) {
@@ -240,7 +240,7 @@ impl Showing<'_> {
         let corners = self.telling.slices().corners(item);
         if let Some(screen) = self.telling.screen() {
             screen.recorded(item, &image);
-            screen.point_out(corners);
+            screen.highlight(corners);
         }
         let seen = ViewedFrame { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
         if let Some(replayed) = self.desk.replayed() {
