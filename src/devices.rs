@@ -171,7 +171,7 @@ fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64)
             twin.counts_per_turn = [counts_per_turn; 3];
             twin.homed = 7;
             twin.set_clock(now_ns, 0);
-            twin.bare = protocol == ea1::Speech::BareNumbers;
+            twin.bare = protocol == ea1::SampleFormat::BareNumbers;
             if twin.bare {
                 // The driver cannot query this setting.
                 twin.rate_hz = arm.settings.rate_hz;

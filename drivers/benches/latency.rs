@@ -29,14 +29,14 @@ impl Peer for Noting {
     }
 
     fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
-        let said = self.twin.next(baud, now_ns, until_ns)?;
-        if let Some((_, bytes)) = &said
+        let text = self.twin.next(baud, now_ns, until_ns)?;
+        if let Some((_, bytes)) = &text
             && bytes.first() == Some(&b'0')
         {
             let now = Monotonic.now_ns();
             self.handed.lock().unwrap().extend(std::iter::repeat_n(now, bytes.len() / 33));
         }
-        Ok(said)
+        Ok(text)
     }
 
     fn due(&self, now_ns: i64) -> Option<i64> {
@@ -46,7 +46,7 @@ impl Peer for Noting {
 
 fn main() {
     let quick = std::env::args().any(|argument| argument == "--quick");
-    let wanted = if quick { 240 } else { 3600 };
+    let expected = if quick { 240 } else { 3600 };
     let place = Placed { position_cm: [10.0, -5.5, 30.25], quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] };
     let handed = Arc::new(Mutex::new(VecDeque::new()));
     let twin = Twin::new(Arc::new(move |_, _| place), Faults::default());
@@ -57,7 +57,7 @@ fn main() {
     device.start().unwrap();
     let end = Monotonic.now_ns() + 120 * SECOND;
     let (mut whole, mut stamped, mut wrong) = (Vec::new(), Vec::new(), 0);
-    while whole.len() < wanted {
+    while whole.len() < expected {
         let Next::Reading(Reading::Pose(pose)) = device.next(end).unwrap() else { panic!("{:?}", device.health()) };
         let now = Monotonic.now_ns();
         wrong += u32::from(pose.position_cm != place.position_cm);

@@ -195,8 +195,8 @@ pub(crate) fn openigtlink(data: &[u8]) {
     }
     let whole = read_messages(&stream, stream.len().max(1), limits);
     // Compared as text, because NaN differs from itself.
-    let said = |(found, broken): &(Vec<Event>, Option<String>)| format!("{found:?} {broken:?}");
-    assert_eq!(said(&read_messages(&stream, 1 + usize::from(*cut), limits)), said(&whole));
+    let stated = |(found, broken): &(Vec<Event>, Option<String>)| format!("{found:?} {broken:?}");
+    assert_eq!(stated(&read_messages(&stream, 1 + usize::from(*cut), limits)), stated(&whole));
     for event in &whole.0 {
         let Event::Message(message, _) = event else { continue };
         // A text that was made readable may be longer than before.
@@ -296,7 +296,7 @@ pub(crate) fn jpeg(data: &[u8]) {
 /// Returns the content of a session's file as text.
 fn read_session(file: &[u8]) -> Vec<String> {
     let limits = Limits { frame_bytes: 1 << 20, ..Limits::default() };
-    let mut said = Vec::new();
+    let mut stated = Vec::new();
     let mut reader = match SessionReader::of(std::io::Cursor::new(file), file.len() as u64, "fuzzed".as_ref(), &limits)
     {
         Ok(reader) => reader,
@@ -311,16 +311,16 @@ fn read_session(file: &[u8]) -> Vec<String> {
                 assert!(part.from < part.until && part.until <= file.len() as u64, "{part:?}");
                 assert!(!part.is_loss || part.from >= until, "{part:?} overlaps what was told before");
                 until = if part.is_loss { part.until } else { until };
-                said.push(format!("{part:?}"));
+                stated.push(format!("{part:?}"));
             }
             Some(Event::Message(message)) => {
                 let whole = (message.about(), message.device(), message.loss(), maker.read(&message));
-                said.push(format!("{} {} {whole:?}", message.channel.topic, message.log_ns()));
+                stated.push(format!("{} {} {whole:?}", message.channel.topic, message.log_ns()));
             }
         }
     }
     assert!(reader.ending().is_some());
-    said
+    stated
 }
 
 /// Tests a session's file, or the records of a chunk with a valid checksum, which arbitrary
@@ -349,23 +349,23 @@ pub(crate) fn session(data: &[u8]) {
 /// Returns the content of an image file as text, within the limits.
 fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
     use sonoweave_core::{Device as _, Next, Reading};
-    let mut said = vec![format!("{:?}", About::read(path, limits).map_err(|error| error.to_string()))];
+    let mut stated = vec![format!("{:?}", About::read(path, limits).map_err(|error| error.to_string()))];
     match Replay::open(&SequenceSettings { limits: *limits, ..SequenceSettings::new(path) }) {
-        Err(error) => said.push(error.to_string()),
+        Err(error) => stated.push(error.to_string()),
         Ok(mut device) => {
-            said.extend(device.start().err().map(|error| error.to_string()));
+            stated.extend(device.start().err().map(|error| error.to_string()));
             loop {
                 match device.next(sonoweave_core::NO_DEADLINE) {
                     Ok(Next::Reading(reading)) => {
                         if let Reading::Frame(frame) = &reading {
                             assert!(frame.pixels.len() as u64 <= limits.frame_bytes && frame.stamp.item < limits.items);
                         }
-                        said.push(format!("{reading:?}"));
+                        stated.push(format!("{reading:?}"));
                     }
                     Ok(Next::Pending) => panic!("a file never waits"),
                     Ok(Next::End) => break,
                     Err(error) => {
-                        said.push(error.to_string());
+                        stated.push(error.to_string());
                         break;
                     }
                 }
@@ -373,19 +373,19 @@ fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
         }
     }
     match VolumeReader::open(path, limits) {
-        Err(error) => said.push(error.to_string()),
+        Err(error) => stated.push(error.to_string()),
         Ok(mut volume) => loop {
             match volume.next_slice() {
-                Ok(Some(slice)) => said.push(format!("{slice:?}")),
+                Ok(Some(slice)) => stated.push(format!("{slice:?}")),
                 Ok(None) => break,
                 Err(error) => {
-                    said.push(error.to_string());
+                    stated.push(error.to_string());
                     break;
                 }
             }
         },
     }
-    said
+    stated
 }
 
 /// Tests an image file: MetaImage, NRRD or NIfTI, by its first bytes.

@@ -20,7 +20,7 @@ use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 
-pub use protocol::{Lost, Met, Protocol, SetupStep};
+pub use protocol::{Lost, Protocol, SetupEvent, SetupStep};
 
 use crate::transport::{LineError, Opener, Transport};
 use sonoweave_core::clock::{Clock, MS};
@@ -41,16 +41,16 @@ enum Stage {
     Absent {
         retry_ns: i64,
     },
-    Climbing {
+    SettingUp {
         line: Box<dyn Transport>,
-        rung: SetupStep,
+        step: SetupStep,
         since_ns: i64,
-        heard_ns: i64,
+        received_ns: i64,
     },
-    /// `heard_ns`: time of the last reading; `read_ns`: time of the last read of the line.
+    /// `received_ns`: time of the last reading; `read_ns`: time of the last read of the line.
     Running {
         line: Box<dyn Transport>,
-        heard_ns: i64,
+        received_ns: i64,
         read_ns: i64,
         ask_ns: i64,
     },
@@ -116,7 +116,7 @@ impl<P: Protocol> Connection<P> {
     /// several devices. `None` while the line is not open or has no descriptor.
     pub(crate) fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
         match &self.stage {
-            Stage::Climbing { line, .. } | Stage::Running { line, .. } => line.wakes_by(),
+            Stage::SettingUp { line, .. } | Stage::Running { line, .. } => line.wakes_by(),
             Stage::Stopped | Stage::Absent { .. } => None,
         }
     }
@@ -141,8 +141,8 @@ impl<P: Protocol> Connection<P> {
         self.before.refused += lost.refused;
         self.before.skipped += lost.skipped;
         self.protocol.reset();
-        let rung = self.protocol.climb(Met::Begin);
-        self.stage = Stage::Climbing { line, rung, since_ns: now_ns, heard_ns: now_ns };
+        let step = self.protocol.next_step(SetupEvent::Begin);
+        self.stage = Stage::SettingUp { line, step, since_ns: now_ns, received_ns: now_ns };
         // The states silent and absent, with their reasons, stay until the set-up succeeds.
         if self.health.state != State::Silent {
             self.health.enter(State::Starting, "", now_ns);
@@ -150,17 +150,17 @@ impl<P: Protocol> Connection<P> {
     }
 
     /// Performs one set-up step, or as much of it as the deadline allows.
-    fn climb(&mut self, now_ns: i64, deadline_ns: i64) -> After {
-        let Stage::Climbing { line, rung, since_ns, heard_ns } = &mut self.stage else { return After::Same };
+    fn set_up(&mut self, now_ns: i64, deadline_ns: i64) -> After {
+        let Stage::SettingUp { line, step, since_ns, received_ns } = &mut self.stage else { return After::Same };
         let mut kept = 0;
-        let until = match rung {
+        let until = match step {
             SetupStep::Pause(ns) => *since_ns + *ns,
-            SetupStep::Hush { quiet_ns, at_most_ns } => (*heard_ns + *quiet_ns).min(*since_ns + *at_most_ns),
+            SetupStep::AwaitQuiet { quiet_ns, at_most_ns } => (*received_ns + *quiet_ns).min(*since_ns + *at_most_ns),
             SetupStep::Listen(ns) => *since_ns + *ns,
             _ => now_ns,
         };
-        let waits = matches!(rung, SetupStep::Pause(_) | SetupStep::Hush { .. } | SetupStep::Listen(_));
-        let met = if waits && now_ns < until {
+        let waits = matches!(step, SetupStep::Pause(_) | SetupStep::AwaitQuiet { .. } | SetupStep::Listen(_));
+        let event = if waits && now_ns < until {
             let received = match line.read(&mut self.buffer, until.min(deadline_ns)) {
                 Ok(received) => received,
                 Err(error @ LineError::Gone(_)) => return After::Gone(error),
@@ -175,54 +175,54 @@ impl<P: Protocol> Connection<P> {
             if received.bytes == 0 {
                 return After::Same;
             }
-            *heard_ns = received.at_ns;
-            if !matches!(rung, SetupStep::Listen(_)) {
+            *received_ns = received.at_ns;
+            if !matches!(step, SetupStep::Listen(_)) {
                 return After::Same;
             }
             kept = received.bytes;
-            Met::Heard(&self.buffer[..kept])
+            SetupEvent::Received(&self.buffer[..kept])
         } else {
-            match rung {
+            match step {
                 SetupStep::Send(bytes) => match line.write(bytes) {
                     // A device that accepts no bytes is present; it will not answer either and
                     // counts as silent.
-                    Ok(()) | Err(LineError::Stuck) => Met::Done,
+                    Ok(()) | Err(LineError::Stuck) => SetupEvent::Done,
                     Err(error) => return After::Gone(error),
                 },
                 SetupStep::Baud(baud) => match line.set_baud(*baud) {
-                    Ok(()) => Met::Done,
+                    Ok(()) => SetupEvent::Done,
                     Err(error) => return After::Gone(error),
                 },
-                SetupStep::Hush { at_most_ns, .. } if now_ns >= *since_ns + *at_most_ns => Met::Noisy,
-                SetupStep::Hush { .. } => Met::Quiet,
-                SetupStep::Listen(_) => Met::Deaf,
-                _ => Met::Done,
+                SetupStep::AwaitQuiet { at_most_ns, .. } if now_ns >= *since_ns + *at_most_ns => SetupEvent::Noisy,
+                SetupStep::AwaitQuiet { .. } => SetupEvent::Quiet,
+                SetupStep::Listen(_) => SetupEvent::NoAnswer,
+                _ => SetupEvent::Done,
             }
         };
-        match self.protocol.climb(met) {
+        match self.protocol.next_step(event) {
             SetupStep::More => {}
-            SetupStep::Top { keep } => {
+            SetupStep::Finish { keep } => {
                 self.health.received.set_up += 1;
-                let at_ns = *heard_ns;
+                let at_ns = *received_ns;
                 let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
-                if let Stage::Climbing { line, .. } = stage {
+                if let Stage::SettingUp { line, .. } = stage {
                     let now_ns = self.clock.now_ns();
-                    self.stage = Stage::Running { line, heard_ns: now_ns, read_ns: now_ns, ask_ns: now_ns };
+                    self.stage = Stage::Running { line, received_ns: now_ns, read_ns: now_ns, ask_ns: now_ns };
                 }
                 if keep && kept > 0 {
-                    self.take(kept, at_ns);
+                    self.decode(kept, at_ns);
                 }
             }
-            SetupStep::Fall(why) => {
+            SetupStep::Fail(why) => {
                 let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
                 self.health.enter(State::Silent, &format!("{}: {why}", self.opener.name()), now_ns);
-                if let Stage::Climbing { line, .. } = stage {
+                if let Stage::SettingUp { line, .. } = stage {
                     return After::Anew(line);
                 }
             }
             next => {
-                *rung = next;
-                (*since_ns, *heard_ns) = (self.clock.now_ns(), self.clock.now_ns());
+                *step = next;
+                (*since_ns, *received_ns) = (self.clock.now_ns(), self.clock.now_ns());
             }
         }
         After::Same
@@ -231,8 +231,8 @@ impl<P: Protocol> Connection<P> {
     /// Reads from a device that has been set up.
     fn run(&mut self, now_ns: i64, deadline_ns: i64) -> After {
         let patience = self.protocol.patience_ns();
-        let Stage::Running { line, heard_ns, read_ns, ask_ns } = &mut self.stage else { return After::Same };
-        let silent_ns = *heard_ns + patience;
+        let Stage::Running { line, received_ns, read_ns, ask_ns } = &mut self.stage else { return After::Same };
+        let silent_ns = *received_ns + patience;
         // After a pause of the caller, buffered data is read before the device counts as
         // silent.
         let was_away = now_ns - *read_ns > patience / 2;
@@ -262,7 +262,7 @@ impl<P: Protocol> Connection<P> {
             }
             Ok(received) => {
                 self.health.received.bytes += received.bytes as u64;
-                let makes_sense = self.take(received.bytes, received.at_ns);
+                let makes_sense = self.decode(received.bytes, received.at_ns);
                 if let Some(why) = self.protocol.broken() {
                     return After::Gone(LineError::Failed(why));
                 }
@@ -296,7 +296,7 @@ impl<P: Protocol> Connection<P> {
     }
 
     /// Passes bytes of the buffer to the protocol. Returns whether they contained readings.
-    fn take(&mut self, bytes: usize, at_ns: i64) -> bool {
+    fn decode(&mut self, bytes: usize, at_ns: i64) -> bool {
         let bytes = &self.buffer[..bytes];
         if self.keeps_raw {
             let stamp = Stamp { item: self.raw_items, host_ns: Some(at_ns), ..Stamp::default() };
@@ -304,7 +304,7 @@ impl<P: Protocol> Connection<P> {
             self.found.push_back(Reading::Raw(Raw { stamp, line: 0, bytes: bytes.into() }));
         }
         let before = self.found.len();
-        self.protocol.take(bytes, at_ns, &mut self.found);
+        self.protocol.decode(bytes, at_ns, &mut self.found);
         number(self.found.iter_mut().skip(before), &mut self.items);
         let lost = self.protocol.lost();
         let received = &mut self.health.received;
@@ -313,8 +313,8 @@ impl<P: Protocol> Connection<P> {
         received.skipped = self.before.skipped + lost.skipped;
         let makes_sense = self.found.len() > before;
         if makes_sense {
-            if let Stage::Running { heard_ns, .. } = &mut self.stage {
-                *heard_ns = at_ns;
+            if let Stage::Running { received_ns, .. } = &mut self.stage {
+                *received_ns = at_ns;
             }
             // Only readings prove that the device runs; a completed set-up sequence does not.
             self.health.enter(State::Running, self.protocol.trouble(), at_ns);
@@ -344,7 +344,7 @@ impl<P: Protocol> Device for Connection<P> {
 
     fn stop(&mut self) -> Result<(), Error> {
         let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
-        if let Stage::Climbing { mut line, .. } | Stage::Running { mut line, .. } = stage
+        if let Stage::SettingUp { mut line, .. } | Stage::Running { mut line, .. } = stage
             && let Err(error) = line.write(self.protocol.farewell())
         {
             tracing::debug!("{}: {error}, so that it may go on talking", self.opener.name());
@@ -356,17 +356,17 @@ impl<P: Protocol> Device for Connection<P> {
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         // Reads at least once, even after the deadline, so that data already received is found.
-        let mut looked = false;
+        let mut has_read = false;
         loop {
             if let Some(reading) = self.found.pop_front() {
                 self.health.received.readings += u64::from(!matches!(reading, Reading::Raw(_)));
                 return Ok(Next::Reading(reading));
             }
             let now_ns = self.clock.now_ns();
-            if looked && now_ns >= deadline_ns {
+            if has_read && now_ns >= deadline_ns {
                 return Ok(Next::Pending);
             }
-            looked = true;
+            has_read = true;
             let after = match &mut self.stage {
                 Stage::Stopped => return Err(Error::Stopped(self.opener.name().to_owned())),
                 Stage::Absent { retry_ns } if now_ns < *retry_ns => {
@@ -380,7 +380,7 @@ impl<P: Protocol> Device for Connection<P> {
                     }
                     Err(error) => After::Gone(error),
                 },
-                Stage::Climbing { .. } => self.climb(now_ns, deadline_ns),
+                Stage::SettingUp { .. } => self.set_up(now_ns, deadline_ns),
                 Stage::Running { .. } => self.run(now_ns, deadline_ns),
             };
             self.after(after);

@@ -32,12 +32,12 @@ pub enum Error {
     #[error("{0}")]
     File(#[from] formats::Error),
     /// The session does not have the requested device.
-    #[error("{path}: has no device {wanted:?}; it has {known}", path = .path.display(), known = names(.known))]
+    #[error("{path}: has no device {requested:?}; it has {known}", path = .path.display(), known = names(.known))]
     NoDevice {
         /// The session.
         path: PathBuf,
         /// The requested device.
-        wanted: String,
+        requested: String,
         /// The session's devices.
         known: Vec<String>,
     },
@@ -81,8 +81,11 @@ mod tests {
 
     #[test]
     fn errors_name_place_and_remedy() {
-        let no_device =
-            |known: &[String]| Error::NoDevice { path: "s.mcap".into(), wanted: "arm".into(), known: known.to_vec() };
+        let no_device = |known: &[String]| Error::NoDevice {
+            path: "s.mcap".into(),
+            requested: "arm".into(),
+            known: known.to_vec(),
+        };
         let recorded = Error::Recorded { protocol: "ea1".into(), setting: "speech".into(), value: "drums".into() };
         for (error, text) in [
             (Error::OtherDriver("arm"), "the driver arm cannot open these settings; they are for another driver"),

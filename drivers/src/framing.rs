@@ -15,7 +15,7 @@ use std::ops::Range;
 /// Examines the bytes at the front of a stream.
 ///
 /// The result for a window must not change when more bytes follow it, unless it was
-/// [`Look::Short`]. A window of [`window`](Self::window) bytes is never short. The state must
+/// [`Parsed::Short`]. A window of [`window`](Self::window) bytes is never short. The state must
 /// not change on a short window.
 pub trait Format: 'static {
     /// Content of a record; may borrow from the bytes read, and from the format, which keeps
@@ -30,7 +30,7 @@ pub trait Format: 'static {
     fn lock_bytes(&self) -> usize;
 
     /// Judges the record that begins at the first byte of `window`, which is not empty.
-    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Self::Record<'a>>;
+    fn parse<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Self::Record<'a>>;
 
     /// Notifies the format that the stream was interrupted: state learnt from earlier bytes is
     /// no longer valid.
@@ -39,7 +39,7 @@ pub trait Format: 'static {
 
 /// Result of judging the front of a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Look<R> {
+pub enum Parsed<R> {
     /// A complete record.
     Record {
         /// Its length in bytes, at least 1.
@@ -58,7 +58,7 @@ pub enum Look<R> {
     },
 }
 
-impl<R> Look<R> {
+impl<R> Parsed<R> {
     /// Skips one byte: no record begins with it, but the next byte may begin one.
     pub const fn skip_byte(why: Refusal) -> Self {
         Self::Skip { bytes: 1, why }
@@ -66,11 +66,11 @@ impl<R> Look<R> {
 
     /// Converts the record and keeps everything else.
     #[inline]
-    pub fn map<S>(self, change: impl FnOnce(R) -> S) -> Look<S> {
+    pub fn map<S>(self, change: impl FnOnce(R) -> S) -> Parsed<S> {
         match self {
-            Self::Record { length, record } => Look::Record { length, record: change(record) },
-            Self::Short => Look::Short,
-            Self::Skip { bytes, why } => Look::Skip { bytes, why },
+            Self::Record { length, record } => Parsed::Record { length, record: change(record) },
+            Self::Short => Parsed::Short,
+            Self::Skip { bytes, why } => Parsed::Skip { bytes, why },
         }
     }
 }
@@ -232,17 +232,17 @@ fn judge<F: Format>(
 ) -> usize {
     let mut at = 0;
     while at < begin_before {
-        let done = match format.look(&bytes[at..]) {
-            Look::Record { length, record } => {
+        let done = match format.parse(&bytes[at..]) {
+            Parsed::Record { length, record } => {
                 let from = *position + at as u64;
                 found(record, from..from + length as u64);
                 length
             }
-            Look::Skip { bytes: skipped, why } => {
+            Parsed::Skip { bytes: skipped, why } => {
                 losses.count(skipped, why);
                 skipped
             }
-            Look::Short => {
+            Parsed::Short => {
                 debug_assert!(bytes.len() - at < window, "a whole window of {window} bytes was too short to judge");
                 if bytes.len() - at < window {
                     break;

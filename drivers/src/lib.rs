@@ -24,9 +24,11 @@
 
 pub mod arm;
 pub mod connection;
+mod driver;
 mod error;
 pub mod framing;
 pub mod grabber;
+mod listing;
 mod numerals;
 pub mod openigtlink;
 pub mod replay;
@@ -34,11 +36,11 @@ pub mod simulated;
 pub mod tracker;
 pub mod transport;
 
-use std::path::PathBuf;
-
 use sonoweave_core::Device;
 
+pub use driver::{Driver, OpenSettings};
 pub use error::Error;
+pub use listing::Listing;
 
 /// All drivers of this build.
 pub static DRIVERS: &[&dyn Driver] = &[
@@ -62,57 +64,5 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         OpenSettings::Session(_) => replay::SessionDriver.open(settings),
         OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
         OpenSettings::Remote(_) => openigtlink::RemoteDriver.open(settings),
-    }
-}
-
-/// One kind of device: lists the devices that can be opened and opens them.
-pub trait Driver: Sync {
-    /// Short, stable name, as used in configuration files and logs.
-    fn name(&self) -> &'static str;
-
-    /// Lists the devices found now, including those that cannot be opened, with the reason.
-    /// File drivers list nothing: files are opened by path.
-    fn list(&self) -> Vec<Listing>;
-
-    /// Opens a device without starting it.
-    ///
-    /// # Errors
-    /// [`Error`] when the settings are for another driver, or when the device or file cannot be
-    /// opened or has the wrong format.
-    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error>;
-}
-
-/// A device found by [`Driver::list`].
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Listing {
-    /// Identifier used in settings.
-    pub id: String,
-    /// Description for the user.
-    pub description: String,
-    /// Why the device cannot be opened; `None` if it can.
-    pub unavailable: Option<String>,
-}
-
-/// Settings of the device to open. One variant per driver.
-#[derive(Debug, Clone)]
-pub enum OpenSettings {
-    /// An encoder arm.
-    Arm(arm::ArmSettings),
-    /// An electromagnetic tracker.
-    Tracker(tracker::polhemus::TrackerSettings),
-    /// A sequence file.
-    Sequence(replay::SequenceSettings),
-    /// A recorded session, or one device in it.
-    Session(replay::SessionSettings),
-    /// A frame grabber.
-    Grabber(grabber::GrabberSettings),
-    /// An OpenIGTLink server.
-    Remote(openigtlink::RemoteSettings),
-}
-
-impl OpenSettings {
-    /// Settings for a whole sequence file with default limits.
-    pub fn sequence(path: impl Into<PathBuf>) -> Self {
-        Self::Sequence(replay::SequenceSettings::new(path))
     }
 }

@@ -409,11 +409,14 @@ fn damaged_nifti_is_refused_by_field_and_byte() {
     put(&path, &VolumeHeader::new([3, 2, 2], PixelType::U8));
     let whole = fs::read(&path).unwrap();
     let small = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 0 };
-    let refused = |bytes: &[u8], says: &str| {
+    let refused = |bytes: &[u8], sentence: &str| {
         fs::write(&path, bytes).unwrap();
         let opened = VolumeReader::open(&path, &small);
         let text = opened.and_then(|mut v| v.next_slice().map(|_| ())).unwrap_err().to_string();
-        assert!(text.starts_with(&path.display().to_string()) && text.contains(says), "{text:?} does not say {says:?}");
+        assert!(
+            text.starts_with(&path.display().to_string()) && text.contains(sentence),
+            "{text:?} does not say {sentence:?}"
+        );
     };
     let with = |at: usize, word: &[u8]| {
         let mut bytes = whole.clone();

@@ -126,9 +126,9 @@ fn refusal_names_file_field_offset_and_remedy() {
         ("ElementDataFile = LOCAL", "ElementDataFile = a%03d.raw 1 3 1", "ElementDataFile", "several files"),
         ("Seq_Frame0001_Tim", "Seq_Frame0000_Tim", "Seq_Frame0000_Timestamp", "repeats the field"),
     ];
-    for (from, to, field, says) in cases {
+    for (from, to, field, key) in cases {
         let text = sentence(&replaced(false, from, to), SMALL);
-        assert!(text.contains(&format!(": field {field} (byte ")) && text.contains(says), "{text}");
+        assert!(text.contains(&format!(": field {field} (byte ")) && text.contains(key), "{text}");
     }
     let fifteen = sentence(&replaced(false, EYE, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0"), SMALL);
     assert!(fifteen.contains(&format!("(byte {})", offset(false, "Seq_Frame0000_Probe"))), "{fifteen}");
@@ -143,10 +143,10 @@ fn claims_beyond_limits_are_refused_before_allocation() {
         ("DimSize = 4 2 1000000000000000", "number of frames is 1000000000000000, more than the limit of 64"),
         ("DimSize = 4294967296 4294967296 1", "size of one frame in bytes"),
     ];
-    for (to, says) in cases {
+    for (to, key) in cases {
         let text = sentence(&replaced(true, "DimSize = 4 2 3", to), SMALL);
         assert!(
-            text.contains(&format!("field DimSize (byte {})", offset(true, "DimSize"))) && text.contains(says),
+            text.contains(&format!("field DimSize (byte {})", offset(true, "DimSize"))) && text.contains(key),
             "{text}"
         );
     }
@@ -330,8 +330,8 @@ fn header_without_roundtrip_is_refused() {
         change(&mut header);
         unwritable(SequenceWriter::create(&path, &header).map(drop))
     };
-    let unreadable = |change: &dyn Fn(&mut SequenceHeader), says: &str| match refused(change) {
-        Unwritable::Header(problem) => assert!(problem.contains(says), "{problem}"),
+    let unreadable = |change: &dyn Fn(&mut SequenceHeader), key: &str| match refused(change) {
+        Unwritable::Header(problem) => assert!(problem.contains(key), "{problem}"),
         other => panic!("{other}"),
     };
     let field = |name: &str, value: &str| (name.to_owned(), value.to_owned());

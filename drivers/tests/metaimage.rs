@@ -337,10 +337,10 @@ fn volume_roundtrips_raw_and_compressed() {
 fn invalid_volumes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
-    let refused = |text: &str, says: &str| {
+    let refused = |text: &str, expected: &str| {
         fs::write(&path, [text.as_bytes(), &[0; 8]].concat()).unwrap();
         let error = VolumeReader::open(&path, &Limits::default()).err().unwrap().to_string();
-        assert!(error.contains(says) && error.contains("(byte "), "{error}");
+        assert!(error.contains(expected) && error.contains("(byte "), "{error}");
     };
     let head = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n";
     let end = "ElementDataFile = LOCAL\n";
@@ -427,11 +427,11 @@ fn invalid_text_pixels_are_refused_with_location() {
     let folder = tempfile::tempdir().unwrap();
     let (path, data) = (folder.path().join("t.mhd"), folder.path().join("t.txt"));
     let head = as_text("MET_SHORT", "LOCAL");
-    let refused = |header: &str, text: &str, says: &str| {
+    let refused = |header: &str, text: &str, expected: &str| {
         fs::write(&data, text).unwrap();
         fs::write(&path, format!("{header}{}", if header.contains("LOCAL") { text } else { "" })).unwrap();
         let error = replay(&path).unwrap_err().to_string();
-        assert!(error.contains(says), "{error:?} does not say {says:?}");
+        assert!(error.contains(expected), "{error:?} does not say {expected:?}");
         error
     };
     let few = "there are fewer numbers than pixels";

@@ -113,14 +113,14 @@ fn data_in_file_beside_header_is_read() {
         fs::write(&path, format!("{}data file: {name}\n", HEAD.replace("raw", encoding))).unwrap();
         check(&path);
     }
-    let refused = |name: &str, bytes: Option<&[u8]>, says: &str| {
+    let refused = |name: &str, bytes: Option<&[u8]>, expected: &str| {
         let data = folder.path().join("c.raw");
         if let Some(bytes) = bytes {
             fs::write(&data, bytes).unwrap();
         }
         fs::write(&path, format!("{HEAD}datafile: {name}\n")).unwrap();
         let text = frames(&path).err().unwrap().to_string();
-        assert!(text.starts_with(&path.display().to_string()) && text.contains(says), "{text}");
+        assert!(text.starts_with(&path.display().to_string()) && text.contains(expected), "{text}");
     };
     refused("none.raw", None, "field data file (byte 100): names the data file");
     refused("../a.raw", None, "must lie beside the header");
@@ -148,13 +148,13 @@ fn list_on_first_axis_is_transposed_within_limit() {
         .replace("list domain domain", "list domain domain domain");
     of(&format!("{slicer}\n"), &big(data.clone()), |path| {
         check(path);
-        let told = Arc::new(AtomicU64::new(0));
-        let count = Arc::clone(&told);
-        let told_of = move |done, of| {
+        let progress = Arc::new(AtomicU64::new(0));
+        let count = Arc::clone(&progress);
+        let report = move |done, of| {
             assert_eq!((done, of), (count.fetch_add(1, Ordering::Relaxed) + 1, 2));
         };
-        read(&SequenceSettings { told: Progress(Some(Arc::new(told_of))), ..SequenceSettings::new(path) }).unwrap();
-        assert_eq!(told.load(Ordering::Relaxed), 2, "told row by row");
+        read(&SequenceSettings { progress: Progress(Some(Arc::new(report))), ..SequenceSettings::new(path) }).unwrap();
+        assert_eq!(progress.load(Ordering::Relaxed), 2, "told row by row");
         let limits = Limits { transposed_bytes: 23, ..Limits::default() };
         let error = read(&SequenceSettings { limits, ..SequenceSettings::new(path) }).unwrap_err();
         let limit = error.cause();
@@ -255,7 +255,7 @@ fn kinds_select_colour_image_or_volume() {
 fn unsupported_files_are_refused_by_field_and_byte() {
     let with = |from: &str, to: &str| format!("{}\n", HEAD.replace(from, to));
     let data = big(VALUES.concat());
-    for (header, says) in [
+    for (header, expected) in [
         (
             with("domain domain list", "domain list domain"),
             "field kinds (byte 48): is \"domain list domain\": the list of frames lies between",
@@ -296,7 +296,7 @@ fn unsupported_files_are_refused_by_field_and_byte() {
         ),
     ] {
         let text = refused(&header, &data);
-        assert!(text.contains(says), "{text:?} does not say {says:?}");
+        assert!(text.contains(expected), "{text:?} does not say {expected:?}");
     }
     let bomb = gzip(&vec![0; 1 << 20]);
     let text = refused(&with("raw", "gzip"), &bomb);
@@ -368,10 +368,10 @@ proptest! {
         }
         let limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 4096 };
         of("", &bytes, |path| {
-            let says = |error: Error| assert!(error.to_string().contains("a.nrrd"), "{error}");
+            let expected = |error: Error| assert!(error.to_string().contains("a.nrrd"), "{error}");
             match read(&SequenceSettings { limits, ..SequenceSettings::new(path) }) {
                 Ok(readings) => assert!(readings.len() as u64 <= 4 * limits.items),
-                Err(error) => says(error),
+                Err(error) => expected(error),
             }
             match VolumeReader::open(path, &limits) {
                 Ok(mut volume) => loop {
@@ -379,12 +379,12 @@ proptest! {
                         Ok(Some(slice)) => assert!(slice.len() as u64 <= 8 * limits.frame_bytes),
                         Ok(None) => break,
                         Err(error) => {
-                            says(error.into());
+                            expected(error.into());
                             break;
                         }
                     }
                 },
-                Err(error) => says(error.into()),
+                Err(error) => expected(error.into()),
             }
         });
     }

@@ -15,7 +15,7 @@ use sonoweave_core::reading::{PixelType, Stamp, Status};
 #[test]
 fn spacing_is_read_from_every_format() {
     let folder = tempfile::tempdir().unwrap();
-    let said = |name: &str, header: &str| {
+    let stated = |name: &str, header: &str| {
         let path = folder.path().join(name);
         fs::write(&path, [header.as_bytes(), &[0; 4]].concat()).unwrap();
         let device = Replay::open(&SequenceSettings::new(&path)).unwrap();
@@ -23,7 +23,7 @@ fn spacing_is_read_from_every_format() {
         found.map(|(_, text)| text)
     };
     let mha = |line: &str| {
-        said(
+        stated(
             "a.mha",
             &format!(
                 "NDims = 3\nDimSize = 2 1 2\n{line}Kinds = domain domain list\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
@@ -44,7 +44,7 @@ fn spacing_is_read_from_every_format() {
     }
     let nrrd = |sizes: &str, kinds: &str, line: &str| {
         let dimension = sizes.split(' ').count();
-        said(
+        stated(
             "a.nrrd",
             &format!(
                 "NRRD0004\ntype: uint8\ndimension: {dimension}\nsizes: {sizes}\nkinds: {kinds}\nencoding: raw\n{line}\n\n"

@@ -28,7 +28,7 @@ struct Counting;
 static HELD: AtomicI64 = AtomicI64::new(0);
 
 thread_local! {
-    static ASKED: Cell<u64> = const { Cell::new(0) };
+    static REQUESTED: Cell<u64> = const { Cell::new(0) };
 }
 
 // SAFETY: every call is passed unchanged to the system's allocator. Counting neither allocates
@@ -36,7 +36,7 @@ thread_local! {
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         HELD.fetch_add(layout.size() as i64, Ordering::Relaxed);
-        ASKED.with(|asked| asked.set(asked.get() + 1));
+        REQUESTED.with(|requested| requested.set(requested.get() + 1));
         // SAFETY: the caller's promise is the system allocator's condition.
         unsafe { System.alloc(layout) }
     }
@@ -73,13 +73,13 @@ fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol)
     for _ in 0..50 {
         next();
     }
-    let before = ASKED.get();
+    let before = REQUESTED.get();
     for _ in 0..120 {
         let pose = next();
         let off = (0..3).map(|axis| (pose.position_cm[axis] - [10.0, -5.5, 30.25][axis]).abs()).fold(0.0, f64::max);
         assert!(off < 0.003, "{name}: {pose:?}");
     }
-    assert_eq!(ASKED.get() - before, 0, "{name}: allocations in 120 readings");
+    assert_eq!(REQUESTED.get() - before, 0, "{name}: allocations in 120 readings");
 }
 
 /// Reads an arm until it runs, and further. Checks that neither a reading nor an empty wait
@@ -87,7 +87,7 @@ fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol)
 fn arm_allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&Counts) -> bool) {
     device.start().unwrap();
     let end = Monotonic.now_ns() + 30 * SECOND;
-    let mut asked = 0;
+    let mut requested = 0;
     let [mut readings, mut empty] = [0; 2];
     while readings < 290 {
         // Shorter than the pause between two readings, so that some waits end empty.
@@ -102,10 +102,10 @@ fn arm_allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&
             other => panic!("{name}: {other:?}"),
         }
         if readings < 50 {
-            asked = ASKED.get();
+            requested = REQUESTED.get();
         }
     }
-    assert_eq!(ASKED.get() - asked, 0, "{name}: allocations in 240 readings and {empty} waits without one");
+    assert_eq!(REQUESTED.get() - requested, 0, "{name}: allocations in 240 readings and {empty} waits without one");
     assert!(empty >= 20, "{name}: {empty} waits without a reading");
 }
 
@@ -118,11 +118,11 @@ fn arm_reading_allocates_nothing() {
     let _alone = ALONE.lock().unwrap();
     let joints: Joints = Arc::new(|_| [1, 2, 3, 0, 0, 0]);
     // Homed or not, as lines or blocks; pings are sent meanwhile.
-    for (homed, speech) in [(7, ea1::Speech::Lines), (5, ea1::Speech::Blocks)] {
+    for (homed, format) in [(7, ea1::SampleFormat::Lines), (5, ea1::SampleFormat::Blocks)] {
         let mut left = simulated::ea1::Twin::new(Arc::clone(&joints), Faults::default());
         (left.rate_hz, left.homed) = (100, homed);
         let pty = Pty::run(Arc::new(Mutex::new(left))).unwrap();
-        let unit = ea1::Unit::new("a terminal", arm::Settings::default(), speech).unwrap();
+        let unit = ea1::Unit::new("a terminal", arm::Settings::default(), format).unwrap();
         let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
         arm_allocates_nothing("EA1", &mut device, |counts| {
             counts.as_slice() == [1, 2, 3] && u16::from(counts.homed) == homed

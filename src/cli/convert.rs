@@ -241,7 +241,7 @@ impl Arguments {
             return Ok(drivers::open(&OpenSettings::Session(settings))?);
         }
         let progress = if images { input::turning() } else { Progress::default() };
-        let settings = SequenceSettings { images, told: progress, ..SequenceSettings::new(path) };
+        let settings = SequenceSettings { images, progress, ..SequenceSettings::new(path) };
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }
 

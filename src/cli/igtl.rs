@@ -60,7 +60,7 @@ impl Sharing {
         let Some(address) = self.igtl else { return Ok(None) };
         let hub = Arc::new(Hub::new());
         let commands = Arc::new(Commands::new(Arc::clone(ends), self.igtl_save.clone(), self.igtl_wait));
-        hub.tell(false, if self.igtl_wait { "waits for the command start" } else { "the session has not begun" });
+        hub.set_status(false, if self.igtl_wait { "waits for the command start" } else { "the session has not begun" });
         let server = Server::new(address, Arc::clone(&hub), Arc::clone(&commands))
             .map_err(|error| Failure(format!("--igtl: {error}")))?;
         if !quiet {
@@ -95,7 +95,7 @@ impl IgtlServer {
     pub(in crate::cli) fn send_status(&mut self, sentence: impl FnOnce() -> String) {
         if self.sent.is_none_or(|sent| sent.elapsed() >= STATUS_EVERY) {
             self.sent = Some(Instant::now());
-            self.hub.tell(true, &sentence());
+            self.hub.set_status(true, &sentence());
         }
     }
 

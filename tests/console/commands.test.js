@@ -29,7 +29,7 @@ test("a newcomer comes from the demo to a saved volume and a recording by what t
   await shot(page, "saved");
   await button(page, "Stop").click();
   await phase(page, "over");
-  await says(page, "Stopped: this volume is looked at.");
+  await says(page, "Stopped: this volume stays in view.");
   await happened(page, "the recording is complete");
   // The view of an ended session can still be turned.
   const before = await greys(page, "view");

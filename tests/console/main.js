@@ -14,7 +14,7 @@ await import("./measure.test.js");
 await import("./replay.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
-await import("./coach.test.js");
+await import("./guidance.test.js");
 await import("./line.test.js");
 await import("./slow.test.js");
 await import("./token.test.js");

@@ -73,7 +73,7 @@ test("a distance of the doll is what it is, within the error that is told, by mo
 // Returns the position of a world point in the view, as fractions of its width and height.
 const inView = (page, at) =>
   page.evaluate((at) => {
-    const [i, j, w] = window.sonoweave.sight.projection.map((row) => row.reduce((sum, x, n) => sum + x * [...at, 1][n], 0));
+    const [i, j, w] = window.sonoweave.projected.projection.map((row) => row.reduce((sum, x, n) => sum + x * [...at, 1][n], 0));
     const { width, height } = document.getElementById("view");
     return [(i / w + 0.5) / width, (j / w + 0.5) / height];
   }, at);
@@ -101,7 +101,7 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   assert.ok(!(await page.locator("#planes-panel").isVisible()));
   // From below, along +z, the soles of the feet come first.
   await page.keyboard.press("7");
-  await page.waitForFunction(() => Math.abs(window.sonoweave.sight.projection?.[0][2]) < 1e-9, null, { timeout: 30_000 });
+  await page.waitForFunction(() => Math.abs(window.sonoweave.projected.projection?.[0][2]) < 1e-9, null, { timeout: 30_000 });
   await settled(page);
   const box = await page.locator("#view").boundingBox();
   const clickAt = async ([x, y]) => page.mouse.click(box.x + x * box.width, box.y + y * box.height);
@@ -124,7 +124,7 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   assert.ok(meet(before, await where()), `${before}`);
   await shot(page, "measured-view");
   for (let n = 0; n < 3; n += 1) await page.keyboard.press("ArrowRight");
-  await page.waitForFunction(() => Math.abs(window.sonoweave.sight.projection[0][2]) > 0.1, null, { timeout: 30_000 });
+  await page.waitForFunction(() => Math.abs(window.sonoweave.projected.projection[0][2]) > 0.1, null, { timeout: 30_000 });
   await settled(page);
   const after = await drawnAt();
   assert.ok(meet(after, await where()) && !meet(after, before), `${before} ${after}`);

@@ -16,14 +16,14 @@ async function steering() {
 }
 
 // Returns the projection of the displayed picture.
-const lies = (page) => page.evaluate(() => JSON.stringify(window.sonoweave.sight.projection));
+const lies = (page) => page.evaluate(() => JSON.stringify(window.sonoweave.projected.projection));
 
 // Returns the view after the action has taken effect.
 async function after(page, act) {
   let before = await lies(page);
   await act();
   // Pictures under way show the old view. An action without effect changes nothing.
-  const elsewhere = (before) => JSON.stringify(window.sonoweave.sight.projection) !== before;
+  const elsewhere = (before) => JSON.stringify(window.sonoweave.projected.projection) !== before;
   await page.waitForFunction(elsewhere, before, { timeout: 1500 }).catch(() => {});
   for (let n = 0; n < 5; n += 1) {
     before = await lies(page);

@@ -93,7 +93,7 @@ test("what is wrong is said, the worst first, and what explains it keeps its con
   assert.deepEqual(keys({}, { ...WELL, slices: 0 }), ["first"]);
 });
 
-test("the coach's speed stands among what the volume needs, and what is bad is said at the top", () => {
+test("the guidance's speed stands among what the volume needs, and what is bad is said at the top", () => {
   const speed = {
     verdict: "good", says: "good: 31 mm/s", mm_per_s: 30, across_mm_per_s: 29, edge_mm_per_s: 31.2, slices_per_s: 30,
     gapless_mm_per_s: 150, even_mm_per_s: 75, images_per_cm: 9.63,
@@ -102,26 +102,26 @@ test("the coach's speed stands among what the volume needs, and what is bad is s
     spacing: { gapless_mm: 5, even_mm: 2.5 }, speed, contact: "there", sensors: [], advice: [],
     holes: { open: 0, closed: 0, beyond: 0, nearest: null },
   };
-  const { how, says, facts, gauge } = words.coach(told);
+  const { how, says, facts, gauge } = words.guidance(told);
   assert.deepEqual([how, says], ["well", "good · 31 mm/s"]);
   assert.deepEqual(facts.map(({ how, strong, says }) => [how, strong, says]), [["plain", "9.6", "images/cm; at least 2.0"], ["plain", "nothing", "left out"]]);
   assert.ok(Math.abs(gauge.zones[0] - 0.4) < 1e-9 && Math.abs(gauge.zones[1] - 0.4) < 1e-9 && Math.abs(gauge.zones[2] - 0.2) < 1e-9);
   assert.ok(Math.abs(gauge.at - 31.2 / 187.5) < 1e-9);
-  const at = (changes) => words.coach({ ...told, speed: { ...speed, ...changes } });
+  const at = (changes) => words.guidance({ ...told, speed: { ...speed, ...changes } });
   assert.deepEqual([at({ verdict: "too-fast", edge_mm_per_s: 160 }).how, at({ verdict: "too-fast", edge_mm_per_s: 160 }).says], ["bad", "too fast · 160 mm/s"]);
   assert.equal(at({ verdict: "too-fast", edge_mm_per_s: 900 }).gauge.at, 1);
   assert.equal(at({ verdict: "fast", edge_mm_per_s: 90 }).how, "heed");
   const still = at({ verdict: "still", images_per_cm: null });
   assert.deepEqual([still.says, still.facts[0].strong], ["still", "–"]);
   assert.equal(at({ verdict: "sideways", mm_per_s: 40 }).says, "sideways · 40 mm/s");
-  assert.deepEqual([words.coach({ ...told, speed: null }).says, words.coach({ ...told, speed: null }).gauge], ["no slices", null]);
-  assert.deepEqual(words.coach(null), { how: "plain", says: "–", facts: [], gauge: null, advice: [] });
-  const left = (holes) => words.coach({ ...told, holes: { ...told.holes, ...holes } }).facts[1];
+  assert.deepEqual([words.guidance({ ...told, speed: null }).says, words.guidance({ ...told, speed: null }).gauge], ["no slices", null]);
+  assert.deepEqual(words.guidance(null), { how: "plain", says: "–", facts: [], gauge: null, advice: [] });
+  const left = (holes) => words.guidance({ ...told, holes: { ...told.holes, ...holes } }).facts[1];
   assert.deepEqual([left({ open: 1, nearest: "go back 14 mm" }).strong, left({ open: 1, nearest: "go back 14 mm" }).says], ["1 part", "left out: go back 14 mm"]);
   assert.equal(left({ open: 96, beyond: 3 }).says, "left out, and 3 gaps beyond");
   assert.equal(left({ closed: 2 }).says, "left out any more; 2 parts found again");
   const advice = [{ how: "bad", key: "contact", sentence: "No contact.", more: "m" }, { how: "bad", key: "frozen", sentence: "Frozen.", more: "" }, { how: "heed", key: "holes", sentence: "1 part.", more: "" }];
-  assert.deepEqual(keys({}, { ...WELL, coach: { ...told, advice } }), ["coach contact"]);
+  assert.deepEqual(keys({}, { ...WELL, coach: { ...told, advice } }), ["guidance contact"]);
   assert.deepEqual(keys({}, { ...WELL, coach: told }), ["well"]);
 });
 

@@ -19,10 +19,10 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio_rustls::rustls::crypto::{SecureRandom, ring};
 
+use super::connection_info::ConnectionInfo;
 use super::counts::Counts;
-use super::server::Line;
+use super::page;
 use super::token::{Attempts, Browsers, Token, bearer, cookies};
-use super::{Served, page};
 
 /// Path at which a browser exchanges the token for a cookie.
 pub(super) const LOGIN: &str = "/v1/login";
@@ -69,20 +69,20 @@ impl Gate {
     }
 
     fn is_known(&self, headers: &HeaderMap) -> bool {
-        let told = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
-        let mut ids = told.flat_map(|cookie| cookies(cookie, &self.cookie));
+        let sent = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+        let mut ids = sent.flat_map(|cookie| cookies(cookie, &self.cookie));
         let browsers = self.browsers.lock().unwrap_or_else(PoisonError::into_inner);
         ids.any(|id| browsers.knows(id))
     }
 
-    fn show(&self, token: &Token, told: &str, from: IpAddr) -> TokenCheck {
+    fn check(&self, token: &Token, sent: &str, from: IpAddr) -> TokenCheck {
         let mut attempts = self.attempts.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         if let Some(wait) = attempts.waits(from, now) {
-            Counts::add(&self.counts.tokens_unheard);
+            Counts::add(&self.counts.tokens_unchecked);
             return TokenCheck::TooOften(wait);
         }
-        if token.is(told) {
+        if token.is(sent) {
             return TokenCheck::Right;
         }
         attempts.failed(from, now);
@@ -104,14 +104,13 @@ impl Gate {
 }
 
 /// Admits only requests with the token, if one is configured.
-pub(super) async fn only_known(State(served): State<Served>, request: Request, next: Next) -> Response {
-    let gate = &served.gate;
+pub(super) async fn only_known(State(gate): State<Arc<Gate>>, request: Request, next: Next) -> Response {
     let Some(token) = &gate.token else { return next.run(request).await };
     if OPEN.contains(&request.uri().path()) || gate.is_known(request.headers()) {
         return next.run(request).await;
     }
-    let told = request.headers().get(header::AUTHORIZATION).and_then(|told| bearer(told.to_str().ok()?));
-    match told.map(|told| gate.show(token, told, peer(request.extensions()))) {
+    let sent = request.headers().get(header::AUTHORIZATION).and_then(|sent| bearer(sent.to_str().ok()?));
+    match sent.map(|sent| gate.check(token, sent, peer(request.extensions()))) {
         Some(TokenCheck::Right) => next.run(request).await,
         Some(TokenCheck::TooOften(wait)) => too_often(wait),
         None if request.uri().path() == "/" && matches!(*request.method(), Method::GET | Method::HEAD) => page::login(),
@@ -131,15 +130,14 @@ struct Login {
 }
 
 /// Exchanges a token for a cookie.
-pub(super) async fn login(State(served): State<Served>, extensions: Extensions, body: Bytes) -> Response {
-    let gate = &served.gate;
+pub(super) async fn login(State(gate): State<Arc<Gate>>, extensions: Extensions, body: Bytes) -> Response {
     let Some(token) = &gate.token else {
         return (StatusCode::NOT_FOUND, "this session has no token; none is needed\n").into_response();
     };
-    let Ok(Login { token: told }) = serde_json::from_slice(&body) else {
+    let Ok(Login { token: sent }) = serde_json::from_slice(&body) else {
         return (StatusCode::BAD_REQUEST, "send the token as {\"token\": \"…\"}\n").into_response();
     };
-    match gate.show(token, told.trim(), peer(&extensions)) {
+    match gate.check(token, sent.trim(), peer(&extensions)) {
         TokenCheck::Right => match gate.admit() {
             Some(cookie) => (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response(),
             None => {
@@ -159,5 +157,5 @@ fn too_often(wait: Duration) -> Response {
 
 /// Returns the client's address; unspecified for requests without a socket.
 fn peer(extensions: &Extensions) -> IpAddr {
-    extensions.get::<Line>().map_or(Ipv4Addr::UNSPECIFIED.into(), |line| line.peer.ip())
+    extensions.get::<ConnectionInfo>().map_or(Ipv4Addr::UNSPECIFIED.into(), |line| line.peer.ip())
 }

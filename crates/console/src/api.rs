@@ -13,9 +13,10 @@ use tokio::time::timeout;
 
 use measure::Place;
 
-use super::broadcast::{EncodedFrame, Kind};
+use super::encoded_frame::{EncodedFrame, Kind};
 use super::message::{ClientMessage, ONLY_PAGES};
-use super::{Served, snapshot};
+use super::served::Served;
+use super::{snapshot, status};
 
 /// Longest wait for a picture that no other client is viewing.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -32,32 +33,32 @@ pub(super) async fn execute(State(served): State<Served>, body: String) -> Respo
         Err(why) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
     };
     match message.execute(&served) {
-        Ok(says) => {
-            let says = says.unwrap_or_else(|| "the view has changed".into());
-            told(StatusCode::OK, &json!({ "done": says }))
+        Ok(text) => {
+            let text = text.unwrap_or_else(|| "the view has changed".into());
+            json_response(StatusCode::OK, &json!({ "done": text }))
         }
         Err(why) => refused(StatusCode::CONFLICT, &why),
     }
 }
 
 fn refused(status: StatusCode, why: &str) -> Response {
-    told(status, &json!({ "refused": why }))
+    json_response(status, &json!({ "refused": why }))
 }
 
-fn told(status: StatusCode, value: &Value) -> Response {
+fn json_response(status: StatusCode, value: &Value) -> Response {
     (status, [(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }
 
 /// Returns a measurement between places.
 pub(super) async fn measure(State(served): State<Served>, body: String) -> Response {
-    let asked = match serde_json::from_str(&body) {
-        Ok(asked) => asked,
+    let request = match serde_json::from_str(&body) {
+        Ok(request) => request,
         Err(error) => {
             return refused(StatusCode::UNPROCESSABLE_ENTITY, &format!("this measurement is invalid: {error}"));
         }
     };
-    match measure::measure(&asked, &served.session.latest.told().basis.doubt) {
-        Ok(measured) => told(StatusCode::OK, &json!(measured)),
+    match measure::measure(&request, &served.session.latest.report().basis.uncertainty) {
+        Ok(measured) => json_response(StatusCode::OK, &json!(measured)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
     }
 }
@@ -73,19 +74,19 @@ struct Pointed {
 /// Returns the place that is visible at a point of the picture. Renders a picture for this
 /// request if no other client is viewing.
 pub(super) async fn pick(State(served): State<Served>, body: String) -> Response {
-    let screen = &served.session.screen;
-    let asked = serde_json::from_str::<Pointed>(&body)
+    let broadcaster = &served.session.broadcaster;
+    let request = serde_json::from_str::<Pointed>(&body)
         .map_err(|error| format!("this is not a point of the picture: {error}"))
-        .and_then(|Pointed { at }| screen.pick(at));
-    let answered = match asked {
-        Ok(answered) => answered,
+        .and_then(|Pointed { at }| broadcaster.pick(at));
+    let answer = match request {
+        Ok(answer) => answer,
         Err(why) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
     };
-    let glance = screen.glance(Kind::View);
-    let answer = timeout(POINTING, answered).await;
-    drop(glance);
+    let subscribe_briefly = broadcaster.subscribe_briefly(Kind::View);
+    let answer = timeout(POINTING, answer).await;
+    drop(subscribe_briefly);
     match answer {
-        Ok(Ok(Ok(picked))) => told(StatusCode::OK, &json!(Place::from(picked))),
+        Ok(Ok(Ok(picked))) => json_response(StatusCode::OK, &json!(Place::from(picked))),
         Ok(Ok(Err(why))) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
         Ok(Err(_)) | Err(_) => {
             refused(StatusCode::SERVICE_UNAVAILABLE, "the picture is still being drawn: point at it again in a moment")
@@ -106,15 +107,15 @@ pub(super) async fn slices(State(served): State<Served>, body: String) -> Respon
         .map_err(|error| format!("this is not a point of the world: {error}"))
         .and_then(|At { at }| served.session.slices.of(at).map_err(|error| error.to_string()));
     match found {
-        Ok(found) => told(StatusCode::OK, &json!(found)),
+        Ok(found) => json_response(StatusCode::OK, &json!(found)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
     }
 }
 
 /// Returns the settings with which a recording can be replayed.
 pub(super) async fn settings(State(served): State<Served>) -> Response {
-    match served.session.desk.replayed() {
-        Some(replayed) => told(StatusCode::OK, &json!({ "settings": replayed.settings() })),
+    match served.session.controller.replayed() {
+        Some(replayed) => json_response(StatusCode::OK, &json!({ "settings": replayed.settings() })),
         None => refused(
             StatusCode::NOT_FOUND,
             "this session is live; only a recorded session can be run again with other settings",
@@ -124,16 +125,16 @@ pub(super) async fn settings(State(served): State<Served>) -> Response {
 
 /// Returns the present session status, without rates, which need two readings.
 pub(super) async fn account(State(served): State<Served>) -> Response {
-    let mut account = super::status::PagePublisher::default().tell(&served);
+    let mut account = status::PagePublisher::default().status(&served);
     if let Some(account) = account["account"].as_object_mut() {
         account.remove("rates");
     }
-    told(StatusCode::OK, &account["account"])
+    json_response(StatusCode::OK, &account["account"])
 }
 
 /// Returns the facts that do not change while the session runs.
 pub(super) async fn about(State(served): State<Served>) -> Response {
-    told(StatusCode::OK, &super::status::about(&served)["about"])
+    json_response(StatusCode::OK, &status::about(&served)["about"])
 }
 
 /// Returns the newest picture of a kind. Renders it for this request if no other client is
@@ -153,14 +154,14 @@ pub(super) async fn picture(State(served): State<Served>, Path(name): Path<Strin
             );
         }
     };
-    let mut glance = served.session.screen.glance(kind);
+    let mut subscribe_briefly = served.session.broadcaster.subscribe_briefly(kind);
     // A picture rendered before this request may be old.
-    glance.pictures.mark_unchanged();
-    let newest = match timeout(PATIENCE, next(&mut glance.pictures)).await {
+    subscribe_briefly.pictures.mark_unchanged();
+    let newest = match timeout(PATIENCE, next(&mut subscribe_briefly.pictures)).await {
         Ok(shot) => shot,
-        Err(_) => served.session.screen.newest(kind),
+        Err(_) => served.session.broadcaster.newest(kind),
     };
-    drop(glance);
+    drop(subscribe_briefly);
     let Some(shot) = newest else { return refused(StatusCode::NOT_FOUND, "there is no such picture yet") };
     match tokio::task::spawn_blocking(move || snapshot::png(&shot)).await {
         Ok(Ok(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),

@@ -17,77 +17,20 @@ use pipeline::live::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
 use render::{RenderSettings, Renderer};
-use sonoweave_core::clock::wall_ns;
 use sonoweave_core::slice::{Image, Pixels};
 
+use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
 use super::orbit_camera::{OrbitCamera, Steer};
 use super::pick::{Answer, Picks};
 use super::planes::{self, Move, Planes};
-use super::style::{Choice, Ground, PresentStyle};
+use super::style::{Choice, ConfiguredStyle, PresentStyle};
 
 /// Interval at which the render thread polls for a new view while a page views it. A user
 /// turning the view does not notice a shorter one.
-const ASKED: Duration = Duration::from_millis(8);
+const POLL_VIEWED: Duration = Duration::from_millis(8);
 /// The same interval without viewers.
-const IDLE: Duration = Duration::from_millis(100);
-
-/// Content of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Kind {
-    /// The B-mode image.
-    Slice = 1,
-    /// The volume.
-    View = 2,
-    /// The plane through the volume across its z axis.
-    AcrossZ = 3,
-    /// The plane across its y axis.
-    AcrossY = 4,
-    /// The plane across its x axis.
-    AcrossX = 5,
-    /// The free plane.
-    Free = 6,
-}
-
-impl Kind {
-    /// All kinds, in the order of their numbers.
-    pub(super) const ALL: [Self; KINDS] =
-        [Self::Slice, Self::View, Self::AcrossZ, Self::AcrossY, Self::AcrossX, Self::Free];
-}
-
-/// Number of kinds.
-pub(super) const KINDS: usize = 6;
-
-/// Grey or colour pixels, 8 bits per channel.
-#[derive(Debug, Clone)]
-pub enum Pixmap {
-    /// One byte a pixel.
-    Grey(Arc<[u8]>),
-    /// Red, green, blue.
-    Colour(Arc<[u8]>),
-}
-
-/// A picture for browsers.
-#[derive(Debug, Clone)]
-pub struct EncodedFrame {
-    /// The picture's content.
-    pub kind: Kind,
-    /// Sequence number among pictures of its kind, from 1.
-    pub sequence: u32,
-    /// Pixels to the right and down.
-    pub size: [u32; 2],
-    /// The pixels.
-    pub pixels: Pixmap,
-    /// Number of the frame, or of the last frame in the picture.
-    pub item: u64,
-    /// Capture time of that frame, ms since the UNIX epoch; `None` for a recording.
-    pub captured_ms: Option<f64>,
-    /// Whether a finer picture follows.
-    pub refining: bool,
-    /// Message that precedes the picture.
-    pub words: Option<serde_json::Value>,
-}
+const POLL_IDLE: Duration = Duration::from_millis(100);
 
 /// The viewers, and which of them has control.
 #[derive(Debug, Default)]
@@ -101,19 +44,19 @@ struct Audience {
 #[derive(Debug)]
 pub struct FrameBroadcaster {
     shots: [watch::Sender<Option<Arc<EncodedFrame>>>; KINDS],
-    looked_at: [AtomicU32; KINDS],
+    viewers: [AtomicU32; KINDS],
     made: [AtomicU32; KINDS],
-    sight: Mutex<OrbitCamera>,
+    camera: Mutex<OrbitCamera>,
     picks: Picks,
     planes: Mutex<Planes>,
-    dress: Mutex<PresentStyle>,
+    style: Mutex<PresentStyle>,
     /// Changes with the style of the volume's picture.
-    dressed: watch::Sender<u64>,
+    style_changes: watch::Sender<u64>,
     audience: Mutex<Audience>,
     /// Source of the marks in the view.
-    coach: Mutex<Option<Arc<ScanGuidance>>>,
+    guidance: Mutex<Option<Arc<ScanGuidance>>>,
     /// Corners of a highlighted slice, marked instead of the present one.
-    pointed: Mutex<Option<[DVec3; 4]>>,
+    highlighted: Mutex<Option<[DVec3; 4]>>,
     marked: AtomicU32,
     /// Changes when control passes to another page.
     turns: watch::Sender<u64>,
@@ -123,16 +66,16 @@ impl Default for FrameBroadcaster {
     fn default() -> Self {
         Self {
             shots: Kind::ALL.map(|_| watch::Sender::new(None)),
-            looked_at: Default::default(),
+            viewers: Default::default(),
             made: Default::default(),
-            sight: Mutex::default(),
+            camera: Mutex::default(),
             picks: Picks::default(),
             planes: Mutex::default(),
-            dress: Mutex::default(),
-            dressed: watch::Sender::new(0),
+            style: Mutex::default(),
+            style_changes: watch::Sender::new(0),
             audience: Mutex::default(),
-            coach: Mutex::default(),
-            pointed: Mutex::default(),
+            guidance: Mutex::default(),
+            highlighted: Mutex::default(),
             marked: AtomicU32::new(0),
             turns: watch::Sender::new(0),
         }
@@ -147,22 +90,22 @@ fn place(kind: Kind) -> usize {
 impl FrameBroadcaster {
     /// Whether any page views the volume.
     pub fn is_watched(&self) -> bool {
-        self.is_looked_at(Kind::View)
+        self.is_viewed(Kind::View)
     }
 
     /// Returns the interval at which the render thread polls for a new view.
     pub fn turn(&self) -> Duration {
-        if self.is_watched() { ASKED } else { IDLE }
+        if self.is_watched() { POLL_VIEWED } else { POLL_IDLE }
     }
 
     /// Returns the requested view; `home` is the configured one.
     pub fn view(&self, home: View) -> View {
-        self.sight().view(home)
+        self.camera().view(home)
     }
 
     /// Publishes a rendered picture of the volume, on a background.
     pub fn drawn(&self, drawn: &Drawn, background: [f32; 3]) {
-        self.sight().drawn(&drawn.renderer);
+        self.camera().drawn(&drawn.renderer);
         if !self.is_watched() {
             return;
         }
@@ -184,7 +127,7 @@ impl FrameBroadcaster {
     /// # Errors
     /// A sentence for a point outside the picture.
     pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
-        self.picks.ask(at)
+        self.picks.request(at)
     }
 
     /// Returns the number of rays cast for picks.
@@ -193,42 +136,42 @@ impl FrameBroadcaster {
     }
 
     /// Sets the configured style.
-    pub fn ground(&self, ground: Ground) {
-        self.planes().usual(ground.range);
-        if self.dress().ground(ground) {
-            self.dressed.send_modify(|changes| *changes += 1);
+    pub fn configure(&self, configured: ConfiguredStyle) {
+        self.planes().usual(configured.range);
+        if self.style().configure(configured) {
+            self.style_changes.send_modify(|changes| *changes += 1);
         }
     }
 
     /// Returns a number that changes with the style of the volume's picture; 0 for the
     /// configured style.
-    pub fn dressing(&self) -> u64 {
-        self.dress().number()
+    pub fn style_number(&self) -> u64 {
+        self.style().number()
     }
 
     /// Applies the chosen style to the render settings.
-    pub fn put_on(&self, settings: &mut RenderSettings) {
-        self.dress().put_on(settings);
+    pub fn apply_style(&self, settings: &mut RenderSettings) {
+        self.style().apply(settings);
     }
 
     /// Returns the style of the volume's picture as JSON, for pages.
-    pub(super) fn told_dress(&self) -> serde_json::Value {
-        self.dress().told()
+    pub(super) fn style_json(&self) -> serde_json::Value {
+        self.style().to_json()
     }
 
     /// Takes the marks in the view from this scan guidance from now on.
-    pub fn follow(&self, coach: &Arc<ScanGuidance>) {
-        *self.coach.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(coach));
+    pub fn follow(&self, guidance: &Arc<ScanGuidance>) {
+        *self.guidance.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(guidance));
     }
 
     /// Highlights a slice with these corners, world mm, instead of the present one; `None` ends
     /// that.
-    pub fn point_out(&self, corners: Option<[DVec3; 4]>) {
-        *self.pointed() = corners;
+    pub fn highlight(&self, corners: Option<[DVec3; 4]>) {
+        *self.highlighted() = corners;
     }
 
-    fn pointed(&self) -> MutexGuard<'_, Option<[DVec3; 4]>> {
-        self.pointed.lock().unwrap_or_else(PoisonError::into_inner)
+    fn highlighted(&self) -> MutexGuard<'_, Option<[DVec3; 4]>> {
+        self.highlighted.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Publishes a recorded frame by its number, without a capture time, which is long past.
@@ -237,7 +180,7 @@ impl FrameBroadcaster {
     }
 
     fn glimpse(&self, item: u64, captured_ms: Option<f64>, image: &Image) {
-        if !self.is_looked_at(Kind::Slice) {
+        if !self.is_viewed(Kind::Slice) {
             return;
         }
         let grey = match image.pixels() {
@@ -252,19 +195,19 @@ impl FrameBroadcaster {
     /// Returns the marks in the view's last picture; `None` without a picture, a viewer or scan
     /// guidance.
     pub(super) fn marks(&self, now_ns: i64) -> Option<Marks> {
-        let coach = self.coach.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let coach = coach.filter(|_| self.is_watched())?;
+        let guidance = self.guidance.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let guidance = guidance.filter(|_| self.is_watched())?;
         let sequence = self.made(Kind::View);
         if sequence == 0 {
             return None;
         }
         self.marked.fetch_add(1, Ordering::Relaxed);
-        let mut outlines = coach.outlines(now_ns);
-        if let Some(corners) = *self.pointed() {
+        let mut outlines = guidance.outlines(now_ns);
+        if let Some(corners) = *self.highlighted() {
             outlines.present = Some(corners);
         }
-        let planes = self.planes().shown(|kind| self.is_looked_at(kind));
-        Marks::of(&outlines, &self.sight(), sequence, &planes)
+        let planes = self.planes().shown(|kind| self.is_viewed(kind));
+        Marks::of(&outlines, &self.camera(), sequence, &planes)
     }
 
     /// Returns how often marks were computed.
@@ -282,7 +225,7 @@ impl FrameBroadcaster {
     /// # Errors
     /// A sentence for an invalid command; the view stays.
     pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
-        self.sight().steer(steer)
+        self.camera().steer(steer)
     }
 
     /// Moves planes, or changes their window.
@@ -298,8 +241,8 @@ impl FrameBroadcaster {
     /// # Errors
     /// A sentence for an invalid choice; the style stays.
     pub(super) fn choose(&self, choice: Choice) -> Result<(), String> {
-        self.dress().choose(choice)?;
-        self.dressed.send_modify(|changes| *changes += 1);
+        self.style().choose(choice)?;
+        self.style_changes.send_modify(|changes| *changes += 1);
         Ok(())
     }
 
@@ -309,13 +252,13 @@ impl FrameBroadcaster {
     }
 
     /// Subscribes to a kind of picture without a viewer slot, until dropped.
-    pub(super) fn glance(self: &Arc<Self>, kind: Kind) -> ShortSubscription {
-        self.looked_at[place(kind)].fetch_add(1, Ordering::Relaxed);
-        ShortSubscription { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
+    pub(super) fn subscribe_briefly(self: &Arc<Self>, kind: Kind) -> ShortSubscription {
+        self.viewers[place(kind)].fetch_add(1, Ordering::Relaxed);
+        ShortSubscription { broadcaster: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
     }
 
-    pub(super) fn is_looked_at(&self, kind: Kind) -> bool {
-        self.looked_at[place(kind)].load(Ordering::Relaxed) > 0
+    pub(super) fn is_viewed(&self, kind: Kind) -> bool {
+        self.viewers[place(kind)].load(Ordering::Relaxed) > 0
     }
 
     fn show(
@@ -332,16 +275,16 @@ impl FrameBroadcaster {
         self.shots[place(kind)].send_replace(Some(Arc::new(shot)));
     }
 
-    fn sight(&self) -> MutexGuard<'_, OrbitCamera> {
-        self.sight.lock().unwrap_or_else(PoisonError::into_inner)
+    fn camera(&self) -> MutexGuard<'_, OrbitCamera> {
+        self.camera.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn planes(&self) -> MutexGuard<'_, Planes> {
         self.planes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn dress(&self) -> MutexGuard<'_, PresentStyle> {
-        self.dress.lock().unwrap_or_else(PoisonError::into_inner)
+    fn style(&self) -> MutexGuard<'_, PresentStyle> {
+        self.style.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn audience(&self) -> MutexGuard<'_, Audience> {
@@ -355,7 +298,7 @@ impl FrameBroadcaster {
         let number = audience.next;
         audience.present.insert(number);
         audience.steering.get_or_insert(number);
-        Subscription { screen: Arc::clone(self), number, looks: [false; KINDS] }
+        Subscription { broadcaster: Arc::clone(self), number, viewed: [false; KINDS] }
     }
 }
 
@@ -368,11 +311,11 @@ impl Observer for FrameBroadcaster {
 
 impl PlaneViewer for FrameBroadcaster {
     fn is_watched(&self) -> bool {
-        planes::KINDS.into_iter().any(|kind| self.is_looked_at(kind))
+        planes::KINDS.into_iter().any(|kind| self.is_viewed(kind))
     }
 
     fn wants(&self, extent: &Extent) -> Vec<PlaneRequest> {
-        self.planes().wanted(extent, |kind| self.is_looked_at(kind))
+        self.planes().requests(extent, |kind| self.is_viewed(kind))
     }
 
     fn cut(&self, cut: &PlaneImage<'_>) {
@@ -384,12 +327,12 @@ impl PlaneViewer for FrameBroadcaster {
         };
         let pixels = planes::coloured(cut.sampled, size[0], window);
         let times = (cut.item, cut.captured_ns.map(unix_ms));
-        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().told(cut, sequence)));
+        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().to_json(cut, sequence)));
     }
 
     fn nothing(&self, why: &str) {
         self.planes().without();
-        for kind in planes::KINDS.into_iter().filter(|kind| self.is_looked_at(*kind)) {
+        for kind in planes::KINDS.into_iter().filter(|kind| self.is_viewed(*kind)) {
             let pixel = Pixmap::Colour(planes::unseen(0, 0).into());
             let words =
                 |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
@@ -401,37 +344,37 @@ impl PlaneViewer for FrameBroadcaster {
 /// A short subscription to one kind of picture.
 #[derive(Debug)]
 pub(super) struct ShortSubscription {
-    screen: Arc<FrameBroadcaster>,
+    broadcaster: Arc<FrameBroadcaster>,
     kind: Kind,
     pub(super) pictures: watch::Receiver<Option<Arc<EncodedFrame>>>,
 }
 
 impl Drop for ShortSubscription {
     fn drop(&mut self) {
-        self.screen.looked_at[place(self.kind)].fetch_sub(1, Ordering::Relaxed);
+        self.broadcaster.viewers[place(self.kind)].fetch_sub(1, Ordering::Relaxed);
     }
 }
 
 /// A viewer; dropping it removes the viewer.
 #[derive(Debug)]
 pub(super) struct Subscription {
-    screen: Arc<FrameBroadcaster>,
+    broadcaster: Arc<FrameBroadcaster>,
     number: u64,
-    looks: [bool; KINDS],
+    viewed: [bool; KINDS],
 }
 
 impl Subscription {
     /// Sets whether this viewer subscribes to a kind.
-    pub(super) fn look(&mut self, kind: Kind, looks: bool) {
-        let was = std::mem::replace(&mut self.looks[place(kind)], looks);
-        let count = &self.screen.looked_at[place(kind)];
-        match (was, looks) {
+    pub(super) fn subscribe(&mut self, kind: Kind, viewed: bool) {
+        let was = std::mem::replace(&mut self.viewed[place(kind)], viewed);
+        let count = &self.broadcaster.viewers[place(kind)];
+        match (was, viewed) {
             (false, true) => drop(count.fetch_add(1, Ordering::Relaxed)),
             (true, false) => {
                 let others = count.fetch_sub(1, Ordering::Relaxed) - 1;
                 // The next viewer must not see an outdated plane.
                 if others == 0 && planes::KINDS.contains(&kind) {
-                    self.screen.shots[place(kind)].send_replace(None);
+                    self.broadcaster.shots[place(kind)].send_replace(None);
                 }
             }
             _ => {}
@@ -440,45 +383,40 @@ impl Subscription {
 
     /// Subscribes to the newest picture of a kind.
     pub(super) fn pictures(&self, kind: Kind) -> watch::Receiver<Option<Arc<EncodedFrame>>> {
-        self.screen.shots[place(kind)].subscribe()
+        self.broadcaster.shots[place(kind)].subscribe()
     }
 
     /// Returns a channel that changes with the style of the volume's picture.
-    pub(super) fn dressed(&self) -> watch::Receiver<u64> {
-        self.screen.dressed.subscribe()
+    pub(super) fn style_changes(&self) -> watch::Receiver<u64> {
+        self.broadcaster.style_changes.subscribe()
     }
 
     /// Returns a channel that changes when control passes to another page.
     pub(super) fn turns(&self) -> watch::Receiver<u64> {
-        self.screen.turns.subscribe()
+        self.broadcaster.turns.subscribe()
     }
 
     /// Whether this viewer has control.
     pub(super) fn steers(&self) -> bool {
-        self.screen.audience().steering == Some(self.number)
+        self.broadcaster.audience().steering == Some(self.number)
     }
 
     /// Takes control.
     pub(super) fn take_over(&self) {
-        self.screen.audience().steering = Some(self.number);
-        self.screen.turns.send_modify(|turns| *turns += 1);
+        self.broadcaster.audience().steering = Some(self.number);
+        self.broadcaster.turns.send_modify(|turns| *turns += 1);
     }
 }
 
 impl Drop for Subscription {
     fn drop(&mut self) {
-        Kind::ALL.into_iter().for_each(|kind| self.look(kind, false));
-        let mut audience = self.screen.audience();
+        Kind::ALL.into_iter().for_each(|kind| self.subscribe(kind, false));
+        let mut audience = self.broadcaster.audience();
         audience.present.remove(&self.number);
         if audience.steering == Some(self.number) {
             audience.steering = audience.present.first().copied();
             drop(audience);
-            self.screen.turns.send_modify(|turns| *turns += 1);
+            self.broadcaster.turns.send_modify(|turns| *turns += 1);
         }
     }
-}
-
-/// Converts host ns to ms since the UNIX epoch, the origin of a browser's clock.
-pub(super) fn unix_ms(host_ns: i64) -> f64 {
-    wall_ns(host_ns) as f64 / 1e6
 }

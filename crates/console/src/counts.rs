@@ -8,11 +8,11 @@ pub struct Counts {
     /// Connections accepted.
     pub connections: AtomicU64,
     /// Idle connections closed to make room for others.
-    pub gave_way: AtomicU64,
+    pub evictions: AtomicU64,
     /// Connections that failed before TLS was established.
     pub no_tls: AtomicU64,
     /// Pages refused because all viewer slots were taken.
-    pub pages_sent_away: AtomicU64,
+    pub pages_refused: AtomicU64,
     /// Pages disconnected because they received nothing, sent too much, or fell silent.
     pub pages_cut_off: AtomicU64,
     /// Pictures compressed for slow connections, once for all pages.
@@ -20,7 +20,7 @@ pub struct Counts {
     /// Wrong tokens.
     pub tokens_wrong: AtomicU64,
     /// Tokens not checked because too many wrong ones came from their address.
-    pub tokens_unheard: AtomicU64,
+    pub tokens_unchecked: AtomicU64,
 }
 
 impl Counts {

@@ -7,6 +7,7 @@
 //! accepted. tower-http has no check of hosts.
 
 use std::net::IpAddr;
+use std::sync::Arc;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -14,19 +15,19 @@ use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::Served;
-use super::server::Line;
+use super::access::Gate;
+use super::connection_info::ConnectionInfo;
 
 /// Admits requests that name this machine, with any port: a tunnel may use another one.
-pub(super) async fn only_own_names(State(served): State<Served>, request: Request, next: Next) -> Response {
-    let told = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default());
+pub(super) async fn only_own_names(State(gate): State<Arc<Gate>>, request: Request, next: Next) -> Response {
+    let sent = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default());
     // A request in proxy form names its host in its first line too; both must be right.
     let named = request.uri().host();
-    let at = request.extensions().get::<Line>().map(|line| line.local.ip().to_canonical());
-    let is_own = |host: &str| is_own(host, at, &served.gate.names);
-    match (told, named) {
+    let at = request.extensions().get::<ConnectionInfo>().map(|line| line.local.ip().to_canonical());
+    let is_own = |host: &str| is_own(host, at, &gate.names);
+    match (sent, named) {
         (None, None) => (StatusCode::BAD_REQUEST, "the request has no host; send the header Host\n").into_response(),
-        (told, named) if told.is_none_or(is_own) && named.is_none_or(is_own) => next.run(request).await,
+        (sent, named) if sent.is_none_or(is_own) && named.is_none_or(is_own) => next.run(request).await,
         _ if at.is_none_or(|at| at.is_loopback()) => {
             let sentence = "this host name is not accepted; use localhost, 127.0.0.1 or [::1]\n";
             (StatusCode::FORBIDDEN, sentence).into_response()

@@ -17,8 +17,8 @@ use tokio_rustls::rustls::{self, ServerConfig, crypto};
 
 use config::bedside::Access;
 
-use super::ConsoleError;
 use super::access::Gate;
+use super::error::ConsoleError;
 use super::token::Token;
 
 /// Largest size of a certificate or key file, bytes.

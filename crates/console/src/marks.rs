@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use guidance::outlines::{Outlines, PlaneRect};
 use render::section::Section;
 
-use super::broadcast::Kind;
+use super::encoded_frame::Kind;
 use super::orbit_camera::OrbitCamera;
 
 /// Corners in a picture, in pixels from its upper left corner.
@@ -46,7 +46,7 @@ impl InPlane {
         Self { kind: *kind, present, holes: outlines.in_plane(&plane).into_iter().map(pixels).collect() }
     }
 
-    fn told(&self) -> Value {
+    fn to_json(&self) -> Value {
         json!({ "kind": self.kind as u8, "present": self.present, "holes": self.holes })
     }
 }
@@ -61,16 +61,16 @@ impl Marks {
     /// `None` before the first picture.
     pub(super) fn of(
         outlines: &Outlines,
-        sight: &OrbitCamera,
+        camera: &OrbitCamera,
         sequence: u32,
         planes: &[(Kind, Section)],
     ) -> Option<Self> {
-        let size = sight.size()?;
+        let size = camera.size()?;
         let corners = |quad: [DVec3; 4]| -> Option<Corners> {
             let mut corners = [[0.0; 2]; 4];
             for (corner, at) in corners.iter_mut().zip(quad) {
                 // Pixel coordinates refer to pixel centres.
-                *corner = sight.project(at)?.map(|place| tenths(place + 0.5));
+                *corner = camera.project(at)?.map(|place| tenths(place + 0.5));
             }
             Some(corners)
         };
@@ -86,9 +86,9 @@ impl Marks {
     }
 
     /// The marks as JSON, for pages.
-    pub(super) fn told(&self) -> Value {
+    pub(super) fn to_json(&self) -> Value {
         let Self { sequence, size, present, holes, planes } = self;
-        let planes: Vec<Value> = planes.iter().map(InPlane::told).collect();
+        let planes: Vec<Value> = planes.iter().map(InPlane::to_json).collect();
         json!({ "marks": { "sequence": sequence, "size": size, "present": present, "holes": holes, "planes": planes } })
     }
 }
@@ -118,6 +118,6 @@ mod tests {
         let beside = Section { first: DVec3::new(0.0, 40.0, 0.0), ..section };
         let none = InPlane::of(&outlines, &(Kind::AcrossY, beside));
         assert!(none.present.is_none() && none.holes.is_empty());
-        assert_eq!(none.told(), json!({ "kind": Kind::AcrossY as u8, "present": null, "holes": [] }));
+        assert_eq!(none.to_json(), json!({ "kind": Kind::AcrossY as u8, "present": null, "holes": [] }));
     }
 }

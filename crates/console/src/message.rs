@@ -10,8 +10,9 @@ use pipeline::command::Command;
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
+use super::served::{ConsoleSession, Served};
+use super::snapshot;
 use super::style::Choice;
-use super::{ConsoleSession, Served, snapshot};
 
 /// Refusal of a program's message that concerns a page's connection.
 pub(super) const ONLY_PAGES: &str = "this command is possible over a WebSocket only; connect to /v1/stream";
@@ -44,7 +45,8 @@ enum MessageJson {
     Centre {
         at: [f64; 2],
     },
-    Look {
+    #[serde(rename = "look")]
+    Side {
         from: From,
     },
     /// Moves all planes through this point, world mm.
@@ -176,7 +178,7 @@ impl ClientMessage {
             MessageJson::Turn { right, up, clockwise } => Steer::Turn { right, up, clockwise }.into(),
             MessageJson::Zoom { by } => Steer::Zoom(by).into(),
             MessageJson::Centre { at } => Steer::Centre(at).into(),
-            MessageJson::Look { from } => Steer::Look(from).into(),
+            MessageJson::Side { from } => Steer::Side(from).into(),
             MessageJson::Cross { at } => Move::Cross(at).into(),
             MessageJson::Tilt { right, up, clockwise } => Move::Tilt { right, up, clockwise }.into(),
             MessageJson::Window { black, white } => Move::Window([black, white]).into(),
@@ -201,14 +203,14 @@ impl ClientMessage {
     /// # Errors
     /// A sentence; nothing has changed.
     pub(super) fn execute(self, served: &Served) -> Result<Option<String>, String> {
-        let ConsoleSession { screen, desk, .. } = &served.session;
+        let ConsoleSession { broadcaster, controller, .. } = &served.session;
         match self {
-            Self::Command(command) => desk.execute(command).map(Some),
-            Self::Replay(settings) => desk.again(settings).map(Some),
-            Self::View(ViewMessage::Steer(steer)) => screen.steer(steer).map(|()| None),
-            Self::View(ViewMessage::Move(planes)) => screen.move_planes(planes).map(|()| None),
-            Self::View(ViewMessage::Style(choice)) => screen.choose(choice).map(|()| None),
-            Self::View(ViewMessage::Frame(number)) => desk.show_frame(number).map(|()| None),
+            Self::Command(command) => controller.execute(command).map(Some),
+            Self::Replay(settings) => controller.again(settings).map(Some),
+            Self::View(ViewMessage::Steer(steer)) => broadcaster.steer(steer).map(|()| None),
+            Self::View(ViewMessage::Move(planes)) => broadcaster.move_planes(planes).map(|()| None),
+            Self::View(ViewMessage::Style(choice)) => broadcaster.choose(choice).map(|()| None),
+            Self::View(ViewMessage::Frame(number)) => controller.show_frame(number).map(|()| None),
             Self::View(ViewMessage::Snapshot) => snapshot::keep(served).map(Some),
             Self::Page(_) => Err(ONLY_PAGES.into()),
         }

@@ -10,7 +10,7 @@ use pipeline::live::{SessionStatus, Spread, Written};
 use statistics::LiveStatistics;
 use sync::clock::State;
 
-use super::Counts;
+use super::counts::Counts;
 
 /// Upper bounds of the latency buckets, ms. They include the project's targets, 20 and 50 ms.
 const EDGES_MS: [u64; 14] = [1, 2, 5, 10, 15, 20, 30, 40, 50, 75, 100, 200, 500, 2000];
@@ -108,13 +108,13 @@ pub(super) fn of_console(counts: &Counts) -> String {
         (
             "sonoweave_console_gave_way_total",
             "Idle connections that were closed in favour of new ones.",
-            &counts.gave_way,
+            &counts.evictions,
         ),
         ("sonoweave_console_no_tls_total", "Connections that failed before TLS was established.", &counts.no_tls),
         (
             "sonoweave_console_pages_sent_away_total",
             "Pages that were refused because all viewer slots were in use.",
-            &counts.pages_sent_away,
+            &counts.pages_refused,
         ),
         (
             "sonoweave_console_pages_cut_off_total",
@@ -130,7 +130,7 @@ pub(super) fn of_console(counts: &Counts) -> String {
         (
             "sonoweave_console_unheard_tokens_total",
             "Tokens that were not checked, because too many wrong ones came from their address.",
-            &counts.tokens_unheard,
+            &counts.tokens_unchecked,
         ),
     ] {
         to.counter(name, help).sample(&[], Counts::of(count) as f64);
@@ -142,14 +142,14 @@ fn frames(to: &mut Exposition, account: &SessionStatus) {
     let frames = &account.ledger.frames;
     to.counter("sonoweave_frames_arrived_total", "Frames that were received from grabbers.")
         .sample(&[], frames.total as f64);
-    let mut fates =
+    let mut outcomes =
         to.counter("sonoweave_frames_total", "Frames by result; with the pending ones, all frames that were received.");
-    fates.sample(&[("fate", "used"), ("reason", "")], frames.used as f64);
+    outcomes.sample(&[("fate", "used"), ("reason", "")], frames.used as f64);
     for (reason, count) in &frames.refused {
-        fates.sample(&[("fate", "refused"), ("reason", reason.name())], *count as f64);
+        outcomes.sample(&[("fate", "refused"), ("reason", reason.name())], *count as f64);
     }
     for (queue, count) in &frames.dropped {
-        fates.sample(&[("fate", "dropped"), ("reason", queue.name())], *count as f64);
+        outcomes.sample(&[("fate", "dropped"), ("reason", queue.name())], *count as f64);
     }
     to.gauge("sonoweave_frames_waiting", "Frames that were received and are pending.")
         .sample(&[], frames.waiting as f64);
@@ -174,18 +174,18 @@ fn readings(to: &mut Exposition, account: &SessionStatus) {
     for of in all {
         arrived.sample(&[("device", &of.device)], of.total as f64);
     }
-    let mut fates = to.counter(
+    let mut outcomes = to.counter(
         "sonoweave_readings_total",
         "Readings by result; with the pending ones, all readings that were received.",
     );
     for of in all {
         let device = ("device", of.device.as_str());
-        fates.sample(&[device, ("fate", "used"), ("reason", "")], of.used as f64);
+        outcomes.sample(&[device, ("fate", "used"), ("reason", "")], of.used as f64);
         for (reason, count) in &of.refused {
-            fates.sample(&[device, ("fate", "refused"), ("reason", reason)], *count as f64);
+            outcomes.sample(&[device, ("fate", "refused"), ("reason", reason)], *count as f64);
         }
         if of.dropped > 0 {
-            fates.sample(&[device, ("fate", "dropped"), ("reason", "pairing")], of.dropped as f64);
+            outcomes.sample(&[device, ("fate", "dropped"), ("reason", "pairing")], of.dropped as f64);
         }
     }
     let mut waiting = to.gauge("sonoweave_readings_waiting", "Readings that were received and are pending.");
@@ -304,8 +304,8 @@ mod tests {
     fn labels_and_help_are_escaped_and_counts_are_integers() {
         let mut to = Exposition::default();
         to.gauge("x", "a \\ b\nc").sample(&[("device", "say \"x\\y\"\nz"), ("k", "")], 1e15).sample(&[], f64::NAN);
-        let wanted = "# HELP x a \\\\ b\\nc\n# TYPE x gauge\nx{device=\"say \\\"x\\\\y\\\"\\nz\",k=\"\"} 1000000000000000\nx NaN\n";
-        assert_eq!(to.0, wanted);
+        let expected = "# HELP x a \\\\ b\\nc\n# TYPE x gauge\nx{device=\"say \\\"x\\\\y\\\"\\nz\",k=\"\"} 1000000000000000\nx NaN\n";
+        assert_eq!(to.0, expected);
     }
 
     #[test]

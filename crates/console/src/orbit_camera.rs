@@ -49,7 +49,7 @@ pub enum Steer {
     /// height from the top.
     Centre([f64; 2]),
     /// Goes to one of the sides.
-    Look(From),
+    Side(From),
 }
 
 /// Camera and render region of the last picture: they relate world points to its pixels.
@@ -112,8 +112,8 @@ impl OrbitCamera {
                 Some(View { zoom: (view.zoom + by).clamp(ZOOMS[0], ZOOMS[1]), ..view })
             }
             Steer::Centre(at) => Some(View { aim: self.place(at)?, ..view }),
-            Steer::Look(From::Home) => None,
-            Steer::Look(from) => Some(View { perspective: view.perspective, turns: view.turns, ..side(from) }),
+            Steer::Side(From::Home) => None,
+            Steer::Side(from) => Some(View { perspective: view.perspective, turns: view.turns, ..side(from) }),
         };
         Ok(())
     }
@@ -209,19 +209,19 @@ mod tests {
         renderer.set_view(view).unwrap();
         let after = renderer.camera().project_world(aim).unwrap();
         assert!((after[0] - 59.5).abs() < 1e-9 && (after[1] - 39.5).abs() < 1e-9, "{after:?}");
-        for (steer, says) in [
+        for (steer, sentence) in [
             (Steer::Turn { right: f64::NAN, up: 0.0, clockwise: 0.0 }, "360°"),
             (Steer::Zoom(f64::INFINITY), "doublings"),
             (Steer::Centre([0.5, 1.1]), "from 0 to 1"),
         ] {
-            assert!(sight.steer(steer).unwrap_err().contains(says));
+            assert!(sight.steer(steer).unwrap_err().contains(sentence));
             assert_eq!(sight.view(home), view, "what is refused changes nothing");
         }
         for _ in 0..9 {
             sight.steer(Steer::Zoom(3.0)).unwrap();
         }
         assert_eq!(sight.view(home).zoom, 6.0);
-        sight.steer(Steer::Look(From::Home)).unwrap();
+        sight.steer(Steer::Side(From::Home)).unwrap();
         assert_eq!(sight.view(home), home);
     }
 }

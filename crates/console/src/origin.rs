@@ -13,7 +13,7 @@ use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::server::Line;
+use super::connection_info::ConnectionInfo;
 
 /// Largest request body, bytes.
 pub(super) const MOST_BODY: usize = 64 << 10;
@@ -27,7 +27,7 @@ pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
     if only_reads {
         return next.run(request).await;
     }
-    let secured = request.extensions().get::<Line>().is_some_and(|line| line.secured);
+    let secured = request.extensions().get::<ConnectionInfo>().is_some_and(|line| line.secured);
     if !comes_from_own(headers, secured) {
         return (StatusCode::FORBIDDEN, "only this server's own pages may send this request\n").into_response();
     }
@@ -47,8 +47,8 @@ pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
 /// Whether a request with these headers comes from a page of this server, or from no page.
 fn comes_from_own(headers: &HeaderMap, secured: bool) -> bool {
     // A header given twice is contradictory.
-    let told_twice = |name: &HeaderName| headers.get_all(name).iter().nth(1).is_some();
-    if [header::ORIGIN, header::HOST, FETCH_SITE].iter().any(told_twice) {
+    let is_repeated = |name: &HeaderName| headers.get_all(name).iter().nth(1).is_some();
+    if [header::ORIGIN, header::HOST, FETCH_SITE].iter().any(is_repeated) {
         return false;
     }
     is_own(text(headers, &header::ORIGIN), text(headers, &header::HOST), text(headers, &FETCH_SITE), secured)
@@ -82,7 +82,7 @@ pub fn is_json(kind: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn says(pairs: &[(&'static str, &'static str)]) -> HeaderMap {
+    fn headers_of(pairs: &[(&'static str, &'static str)]) -> HeaderMap {
         let mut headers = HeaderMap::new();
         for (name, value) in pairs {
             headers.append(*name, value.parse().unwrap());
@@ -99,7 +99,7 @@ mod tests {
             &[host, ("origin", "https://LOCALHOST:9110"), ("sec-fetch-site", "same-origin")],
             &[host, ("sec-fetch-site", "none")],
         ] {
-            assert!(comes_from_own(&says(own), false), "{own:?}");
+            assert!(comes_from_own(&headers_of(own), false), "{own:?}");
         }
         for foreign in [
             &[host, ("origin", "http://example.org")][..],
@@ -113,13 +113,13 @@ mod tests {
             &[("host", ""), ("origin", "http://")],
             &[("origin", "http://localhost:9110")],
         ] {
-            assert!(!comes_from_own(&says(foreign), false), "{foreign:?}");
+            assert!(!comes_from_own(&headers_of(foreign), false), "{foreign:?}");
         }
         assert!(
-            !comes_from_own(&says(&[host, ("origin", "http://localhost:9110")]), true),
+            !comes_from_own(&headers_of(&[host, ("origin", "http://localhost:9110")]), true),
             "not by TLS, as this server is"
         );
-        assert!(comes_from_own(&says(&[host, ("origin", "https://localhost:9110")]), true));
+        assert!(comes_from_own(&headers_of(&[host, ("origin", "https://localhost:9110")]), true));
         assert!(is_json("application/json") && is_json("Application/JSON ; charset=utf-8"));
         assert!(!is_json("text/plain") && !is_json("text/plain;application/json") && !is_json(""));
     }

@@ -18,7 +18,7 @@ pub(super) type Answer = Result<Picked, String>;
 #[derive(Debug, Default)]
 pub(super) struct Picks {
     /// Whether requests may be waiting; avoids taking the lock without need.
-    is_asked: AtomicBool,
+    is_requested: AtomicBool,
     waiting: Mutex<Vec<Question>>,
     cast: AtomicU64,
 }
@@ -40,7 +40,7 @@ impl Picks {
     ///
     /// # Errors
     /// A sentence for a point outside the picture.
-    pub(super) fn ask(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+    pub(super) fn request(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
         if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
             return Err("a point in the picture must be two fractions of its sides, from 0 to 1".into());
         }
@@ -51,13 +51,13 @@ impl Picks {
             waiting.remove(0);
         }
         waiting.push(Question { at, answer });
-        self.is_asked.store(true, Ordering::Release);
+        self.is_requested.store(true, Ordering::Release);
         Ok(answered)
     }
 
     /// Answers all requests from the displayed picture; `None` if the volume is empty.
     pub(super) fn answer(&self, shown: Option<&Renderer>) {
-        if !self.is_asked.swap(false, Ordering::Acquire) {
+        if !self.is_requested.swap(false, Ordering::Acquire) {
             return;
         }
         let waiting = std::mem::take(&mut *self.waiting());
@@ -88,16 +88,16 @@ mod tests {
     #[test]
     fn picks_answered_once_and_excess_dropped() {
         let picks = Picks::default();
-        assert!(picks.ask([0.5, f64::NAN]).unwrap_err().contains("from 0 to 1"));
+        assert!(picks.request([0.5, f64::NAN]).unwrap_err().contains("from 0 to 1"));
         picks.answer(None);
-        let mut asked: Vec<_> = (0..MOST + 3).map(|_| picks.ask([0.5; 2]).unwrap()).collect();
+        let mut requests: Vec<_> = (0..MOST + 3).map(|_| picks.request([0.5; 2]).unwrap()).collect();
         assert_eq!(picks.waiting().len(), MOST);
-        assert!(asked[2].try_recv() == Err(oneshot::error::TryRecvError::Closed), "the oldest are given up");
-        drop(asked.split_off(10));
-        drop(picks.ask([0.1; 2]).unwrap());
+        assert!(requests[2].try_recv() == Err(oneshot::error::TryRecvError::Closed), "the oldest are given up");
+        drop(requests.split_off(10));
+        drop(picks.request([0.1; 2]).unwrap());
         assert_eq!(picks.waiting().len(), 8, "whoever has gone is forgotten");
         picks.answer(None);
-        assert!(asked[9].try_recv().unwrap().unwrap_err().contains("no volume yet"));
+        assert!(requests[9].try_recv().unwrap().unwrap_err().contains("no volume yet"));
         assert_eq!((picks.waiting().len(), picks.cast()), (0, 0));
     }
 }

@@ -8,7 +8,7 @@ use export::panel::grey;
 use pipeline::live::{Extent, PlaneImage, PlaneRequest};
 use render::section::{Plane, Sampled, Section};
 
-use super::broadcast::{Kind, Pixmap};
+use super::encoded_frame::{Kind, Pixmap};
 
 /// Most pixels along a side.
 const MOST_PX: u32 = 512;
@@ -73,7 +73,7 @@ pub struct Planes {
     /// Number of moves and changes: of two messages, the one with the higher number holds.
     turn: u64,
     /// Number of window changes.
-    look: u64,
+    window_changes: u64,
 }
 
 impl Default for Planes {
@@ -86,7 +86,7 @@ impl Default for Planes {
             extent: None,
             shown: [None; KINDS.len()],
             turn: 0,
-            look: 0,
+            window_changes: 0,
         }
     }
 }
@@ -102,7 +102,7 @@ impl Planes {
     pub(super) fn usual(&mut self, window: [f32; 2]) {
         if self.usual != window {
             self.usual = window;
-            self.look += 1;
+            self.window_changes += 1;
         }
     }
 
@@ -141,12 +141,14 @@ impl Planes {
     }
 
     /// Returns the subscribed planes through a volume of this extent.
-    pub(super) fn wanted(&mut self, extent: &Extent, is_looked_at: impl Fn(Kind) -> bool) -> Vec<PlaneRequest> {
+    pub(super) fn requests(&mut self, extent: &Extent, is_viewed: impl Fn(Kind) -> bool) -> Vec<PlaneRequest> {
         self.extent = Some(*extent);
-        let looked_at = KINDS.iter().enumerate().filter(|(_, kind)| is_looked_at(**kind));
+        let viewers = KINDS.iter().enumerate().filter(|(_, kind)| is_viewed(**kind));
         let section = |number| self.plane(number, extent).cover(&extent.place, extent.voxel_mm, MOST_PX);
-        looked_at
-            .filter_map(|(number, _)| Some(PlaneRequest { number, section: section(number).ok()?, look: self.look }))
+        viewers
+            .filter_map(|(number, _)| {
+                Some(PlaneRequest { number, section: section(number).ok()?, look: self.window_changes })
+            })
             .collect()
     }
 
@@ -161,8 +163,8 @@ impl Planes {
     }
 
     /// Returns the sections displayed last, of the subscribed kinds.
-    pub(super) fn shown(&self, is_looked_at: impl Fn(Kind) -> bool) -> Vec<(Kind, Section)> {
-        let all = KINDS.into_iter().zip(self.shown).filter(|(kind, _)| is_looked_at(*kind));
+    pub(super) fn shown(&self, is_viewed: impl Fn(Kind) -> bool) -> Vec<(Kind, Section)> {
+        let all = KINDS.into_iter().zip(self.shown).filter(|(kind, _)| is_viewed(*kind));
         all.filter_map(|(kind, section)| Some((kind, section?))).collect()
     }
 
@@ -189,12 +191,12 @@ impl Planes {
                     ));
                 }
                 self.window = Some([black as f32, white as f32]);
-                self.look += 1;
+                self.window_changes += 1;
             }
             Move::Home => (self.cross, self.free) = (None, None),
             Move::HomeWindow => {
                 self.window = None;
-                self.look += 1;
+                self.window_changes += 1;
             }
         }
         self.turn += 1;
@@ -226,7 +228,7 @@ impl Planes {
     }
 
     /// Returns the description that precedes a plane's picture.
-    pub(super) fn told(&self, cut: &PlaneImage<'_>, sequence: u32) -> Value {
+    pub(super) fn to_json(&self, cut: &PlaneImage<'_>, sequence: u32) -> Value {
         let PlaneImage { wanted, extent, sampled, slices, work, .. } = cut;
         let [first, right, down] =
             [wanted.section.first, wanted.section.right, wanted.section.down].map(|v| v.to_array());
@@ -320,7 +322,7 @@ mod tests {
     }
 
     fn all(planes: &mut Planes) -> Vec<PlaneRequest> {
-        planes.wanted(&extent(), |_| true)
+        planes.requests(&extent(), |_| true)
     }
 
     #[test]
@@ -336,11 +338,11 @@ mod tests {
             assert!((section.mm_per_px() - 0.5).abs() < 1e-9 && section.size.iter().all(|side| *side <= MOST_PX));
         }
         assert_eq!(wanted[0].section.size, [160, 96]);
-        assert_eq!(planes.wanted(&extent(), |kind| kind == Kind::Free), wanted[3..]);
+        assert_eq!(planes.requests(&extent(), |kind| kind == Kind::Free), wanted[3..]);
         // A larger volume has larger pixels.
         let mut far = extent();
         far.place.high = [4000, 95, 127];
-        let large = planes.wanted(&far, |_| true);
+        let large = planes.requests(&far, |_| true);
         assert!(large.iter().all(|wanted| wanted.section.size.iter().all(|side| *side <= MOST_PX)));
     }
 
@@ -393,7 +395,7 @@ mod tests {
             planes.steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 }).unwrap_err().contains("no volume yet")
         );
         let before = all(&mut planes);
-        for (what, says) in [
+        for (what, sentence) in [
             (Move::Cross([1e9, 0.0, 0.0]), "outside the volume, which extends from"),
             (Move::Cross([f64::NAN, 0.0, 0.0]), "finite"),
             (Move::Tilt { right: 361.0, up: 0.0, clockwise: 0.0 }, "360°"),
@@ -404,7 +406,7 @@ mod tests {
             (Move::Window([1e6, 1e6 + 1e-9]), "larger one"),
         ] {
             let refused = planes.steer(what).unwrap_err();
-            assert!(refused.contains(says), "{refused}");
+            assert!(refused.contains(sentence), "{refused}");
             assert_eq!((all(&mut planes), planes.window(), planes.turn), (before.clone(), [0.0, 255.0], 0));
         }
         // If the volume shrinks past the cross, the cross moves to its edge.
@@ -412,7 +414,7 @@ mod tests {
         planes.steer(Move::Cross(corner.to_array())).unwrap();
         let mut small = extent();
         small.place.high = [0, 31, 95];
-        assert_eq!(planes.wanted(&small, |_| true).len(), 4);
+        assert_eq!(planes.requests(&small, |_| true).len(), 4);
     }
 
     #[test]
@@ -459,11 +461,11 @@ mod tests {
             captured_ns: None,
             work: CutWork::default(),
         };
-        let told = planes.told(&cut, 9);
+        let to_json = planes.to_json(&cut, 9);
         assert_eq!(
-            (&told["plane"]["kind"], &told["plane"]["sequence"], &told["plane"]["slices"]),
+            (&to_json["plane"]["kind"], &to_json["plane"]["sequence"], &to_json["plane"]["slices"]),
             (&json!(6), &json!(9), &json!(5))
         );
-        assert_eq!(told["plane"]["window"], json!([0.0, 200.0]));
+        assert_eq!(to_json["plane"]["window"], json!([0.0, 200.0]));
     }
 }

@@ -14,8 +14,8 @@ use std::time::Duration;
 use jpeg_encoder::{ColorType, Encoder};
 use tokio::time::Instant;
 
-use super::broadcast::{EncodedFrame, Pixmap};
 use super::counts::Counts;
+use super::encoded_frame::{EncodedFrame, Pixmap};
 
 /// An answer with a longer transmission time is slow.
 const SLOW: Duration = Duration::from_millis(150);
@@ -39,8 +39,8 @@ const STILL: Duration = Duration::from_secs(1);
 const MORE: u32 = 16;
 /// Over a slow connection the picture is sent again unchanged after this time, to measure the
 /// connection. The time doubles after each slow answer.
-const ASKED: Duration = Duration::from_secs(4);
-const MOST_ASKED: u32 = 4;
+const REPEAT_AFTER: Duration = Duration::from_secs(4);
+const MOST_REPEATS: u32 = 4;
 /// Encoded pictures kept for other pages.
 const KEPT: usize = 12;
 
@@ -69,7 +69,7 @@ pub(super) struct Grade {
     /// Transmission time of the last answer.
     last: Duration,
     /// Slow answers to repeated sendings of the last picture.
-    asked: u32,
+    repeats: u32,
     /// Pictures not yet answered.
     sent: VecDeque<Sent>,
 }
@@ -94,7 +94,7 @@ impl Default for Grade {
             patience: PATIENCE,
             tried: false,
             last: Duration::ZERO,
-            asked: 0,
+            repeats: 0,
             sent: VecDeque::new(),
         }
     }
@@ -116,14 +116,14 @@ impl Grade {
         Some(if self.last <= SLOW {
             (better, STILL.max(self.last * MORE))
         } else {
-            (sent, ASKED * (1 << self.asked.min(MOST_ASKED)))
+            (sent, REPEAT_AFTER * (1 << self.repeats.min(MOST_REPEATS)))
         })
     }
 
     /// Records that a picture is sent to the page, for the first time or again.
     pub(super) fn sent(&mut self, sequence: u32, since: Instant, again: bool) {
         if !again {
-            self.asked = 0;
+            self.repeats = 0;
         }
         self.sent.push_back(Sent { sequence, since, again });
     }
@@ -147,7 +147,7 @@ impl Grade {
     fn took(&mut self, time: Duration, now: Instant, again: bool) {
         self.last = time;
         if again {
-            self.asked = self.asked.saturating_add(u32::from(time > SLOW));
+            self.repeats = self.repeats.saturating_add(u32::from(time > SLOW));
             return;
         }
         if time <= SLOW {
@@ -263,7 +263,7 @@ mod tests {
     use zune_jpeg::zune_core::colorspace::ColorSpace;
     use zune_jpeg::zune_core::options::DecoderOptions;
 
-    use super::super::broadcast::Kind;
+    use super::super::encoded_frame::Kind;
     use super::*;
 
     const MS: fn(u64) -> Duration = Duration::from_millis;
@@ -389,19 +389,19 @@ mod tests {
 
     #[test]
     fn picture_is_encoded_once_and_decodes_alike() {
-        let (shelf, counts) = (EncodeCache::default(), Counts::default());
+        let (jpeg_cache, counts) = (EncodeCache::default(), Counts::default());
         let size = [64, 48];
         let ramp = |channels: usize| -> Arc<[u8]> {
             (0..64 * 48 * channels).map(|n| (n / channels % 64 * 3 + n / channels / 64) as u8).collect()
         };
         for (pixels, channels) in [(Pixmap::Grey(ramp(1)), 1), (Pixmap::Colour(ramp(3)), 3)] {
             let shot = shot(channels as u32, pixels, size);
-            assert!(shelf.packed(&shot, Quality::Whole, &counts).is_none());
+            assert!(jpeg_cache.packed(&shot, Quality::Whole, &counts).is_none());
             for (quality, [width, height], step) in [(Quality::Packed, [64, 48], 1), (Quality::Halved, [32, 24], 2)] {
-                let bytes = shelf.packed(&shot, quality, &counts).unwrap();
+                let bytes = jpeg_cache.packed(&shot, quality, &counts).unwrap();
                 assert!(bytes.len() < 64 * 48 * channels / 2, "{}", bytes.len());
                 assert!(
-                    Arc::ptr_eq(&bytes, &shelf.packed(&shot, quality, &counts).unwrap()),
+                    Arc::ptr_eq(&bytes, &jpeg_cache.packed(&shot, quality, &counts).unwrap()),
                     "another page's is the same"
                 );
                 let space = if channels == 1 { ColorSpace::Luma } else { ColorSpace::RGB };
@@ -422,11 +422,11 @@ mod tests {
         assert_eq!(Counts::of(&counts.pictures_packed), 4);
         // Memory is bounded, and a picture too large for a JPEG is sent lossless.
         for n in 10..90 {
-            shelf.packed(&shot(n, Pixmap::Grey(ramp(1)), size), Quality::Packed, &counts);
+            jpeg_cache.packed(&shot(n, Pixmap::Grey(ramp(1)), size), Quality::Packed, &counts);
         }
-        assert_eq!(shelf.0.lock().unwrap().len(), KEPT);
+        assert_eq!(jpeg_cache.0.lock().unwrap().len(), KEPT);
         let wide = shot(1, Pixmap::Grey(vec![0; 70_000].into()), [70_000, 1]);
-        assert!(shelf.packed(&wide, Quality::Packed, &counts).is_none());
+        assert!(jpeg_cache.packed(&wide, Quality::Packed, &counts).is_none());
         let (one, size) = halved(&[10, 20, 30, 40, 50, 60], [3, 2], 1);
         assert_eq!((one, size), (vec![30], [1, 1]));
         assert_eq!(halved(&[7, 9], [1, 2], 1), (vec![8], [1, 1]));

@@ -1,10 +1,9 @@
 //! The socket: a bounded number of connections on one thread. No stage waits for this thread,
 //! and it has a lower priority than all of them.
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use axum::Router;
@@ -20,10 +19,16 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-use super::connections::{ConnectionLimiter, Place};
+use listener::{Bound, Connections, ServerThread};
+
+use super::connection_info::ConnectionInfo;
+use super::connection_limiter::{ConnectionLimiter, ConnectionSlot};
 use super::counts::Counts;
+use super::error::ConsoleError;
 use super::listen::{Door, Listen};
-use super::{ConsoleError, ConsoleSession, Served, routes, viewer_slots};
+use super::routes::routes;
+use super::served::{ConsoleSession, Served};
+use super::viewer_slots;
 
 /// Time limit for a request, and before it for the TLS handshake.
 const ASKING: Duration = Duration::from_secs(5);
@@ -33,32 +38,16 @@ const LASTING: Duration = Duration::from_secs(60);
 const HEAD: usize = 16 << 10;
 /// Time for which answers under way are awaited at the end.
 const LEAVING: Duration = Duration::from_secs(1);
-/// Pause after an accept error, for example when no more files may be opened.
-const PAUSE: Duration = Duration::from_millis(200);
 /// Nice value of the thread. Under full load, capture, pairing and insertion get three times as
 /// much processor time as this thread, and rendering a third as much.
 const NICE: i32 = 5;
 
-/// The connection of a request.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
-    /// Local address.
-    pub(super) local: SocketAddr,
-    /// Remote address.
-    pub(super) peer: SocketAddr,
-    /// Whether the connection is encrypted by TLS.
-    pub(super) secured: bool,
-}
-
 /// A listening console. Dropping it stops it.
 #[derive(Debug)]
 pub struct Console {
-    address: SocketAddr,
+    thread: ServerThread,
     url: String,
     counts: Arc<Counts>,
-    /// Dropping it ends the thread.
-    stop: Option<watch::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Console {
@@ -82,34 +71,24 @@ impl Console {
     /// Like [`Self::open`]; pages inactive for longer than `patience` can be replaced.
     pub(super) fn serve(listen: &Listen, session: ConsoleSession, patience: Duration) -> Result<Self, ConsoleError> {
         let door = listen.door()?;
-        let address = listen.address;
-        let taken = |source| ConsoleError::Taken { address, source };
-        let listener = TcpListener::bind(address).map_err(taken)?;
-        listener.set_nonblocking(true).map_err(taken)?;
-        let address = listener.local_addr().map_err(taken)?;
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ConsoleError::Thread)?;
-        let (stop, stopped) = watch::channel(());
-        let served = Served::new(session, stopped.clone()).patient_for(patience).behind(door.gate(address.port()));
-        let (url, counts) = (url(address, &door), Arc::clone(&served.gate.counts));
-        let serve = move || {
+        let bound =
+            Bound::new(listen.address).map_err(|source| ConsoleError::Taken { address: listen.address, source })?;
+        let address = bound.address();
+        let gate = door.gate(address.port());
+        let (url, counts) = (url(address, &door), Arc::clone(&gate.counts));
+        let serve = bound.start("status", move |runtime, connections| {
             if let Err(error) = setpriority_process(None, NICE) {
                 tracing::warn!("the console's thread keeps its normal priority: {error}");
             }
-            runtime.block_on(async {
-                match tokio::net::TcpListener::from_std(listener) {
-                    Ok(listener) => accept(&listener, door, served, stopped).await,
-                    Err(error) => tracing::error!("{address}: the status is not served: {error}"),
-                }
-            });
-        };
-        let thread = std::thread::Builder::new().name("status".into()).spawn(serve).map_err(ConsoleError::Thread)?;
-        Ok(Self { address, url, counts, stop: Some(stop), thread: Some(thread) })
+            let served = Served::new(session, connections.stopped()).patient_for(patience).behind(gate);
+            runtime.block_on(accept(connections, door, served));
+        });
+        Ok(Self { thread: serve.map_err(ConsoleError::Thread)?, url, counts })
     }
 
     /// Returns the address: as configured, with the free port chosen for port 0.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.thread.address()
     }
 
     /// Returns the address as a URL.
@@ -133,50 +112,30 @@ fn url(address: SocketAddr, door: &Door) -> String {
     }
 }
 
-impl Drop for Console {
-    fn drop(&mut self) {
-        drop(self.stop.take());
-        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
-            tracing::error!("the status' thread has panicked");
-        }
-    }
-}
-
-/// Accepts connections until `stopped` changes or its sender is gone.
-async fn accept(listener: &tokio::net::TcpListener, door: Door, served: Served, mut stopped: watch::Receiver<()>) {
-    let (pages, counts) = (Arc::clone(&served.places), Arc::clone(&served.gate.counts));
+/// Accepts connections until the server ends.
+async fn accept(mut connections: Connections, door: Door, served: Served) {
+    let (pages, counts) = (Arc::clone(&served.viewer_slots), Arc::clone(&served.gate.counts));
     let service = TowerToHyperService::new(routes(served));
-    let crowd = Arc::new(ConnectionLimiter::default());
+    let limiter = Arc::new(ConnectionLimiter::default());
     let mut serving = JoinSet::new();
-    loop {
-        let accepted = tokio::select! {
+    let mut stopped = connections.stopped();
+    while let Some((stream, peer)) = connections.next(&mut serving).await {
+        let (slot, has_evicted) = tokio::select! {
             _ = stopped.changed() => break,
-            Some(_) = serving.join_next() => continue,
-            accepted = listener.accept() => accepted,
-        };
-        let (stream, peer) = match accepted {
-            Ok(accepted) => accepted,
-            Err(error) => {
-                tracing::warn!("a connection for the status could not be accepted: {error}");
-                tokio::time::sleep(PAUSE).await;
-                continue;
-            }
-        };
-        let (place, gave_way) = tokio::select! {
-            _ = stopped.changed() => break,
-            entered = crowd.enter() => entered,
+            entered = limiter.enter() => entered,
         };
         Counts::add(&counts.connections);
-        if gave_way {
-            Counts::add(&counts.gave_way);
+        if has_evicted {
+            Counts::add(&counts.evictions);
         }
         let Ok(local) = stream.local_addr() else { continue };
-        let line = Line { local, peer, secured: door.tls.is_some() };
-        let (tls, service, counts, stopped) = (door.tls.clone(), service.clone(), Arc::clone(&counts), stopped.clone());
+        let line = ConnectionInfo { local, peer, secured: door.tls.is_some() };
+        let (tls, service, counts, stopped) =
+            (door.tls.clone(), service.clone(), Arc::clone(&counts), connections.stopped());
         serving.spawn(async move {
             tokio::select! {
-                () = serve(stream, tls, service, line, &place, &counts, stopped) => {}
-                () = place.sent_away() => tracing::debug!("the idle connection of {peer} was closed"),
+                () = serve(stream, tls, service, line, &slot, &counts, stopped) => {}
+                () = slot.evicted() => tracing::debug!("the idle connection of {peer} was closed"),
             }
         });
     }
@@ -190,14 +149,14 @@ async fn serve(
     stream: TcpStream,
     tls: Option<TlsAcceptor>,
     service: TowerToHyperService<Router>,
-    line: Line,
-    place: &Place,
+    line: ConnectionInfo,
+    slot: &ConnectionSlot,
     counts: &Counts,
     stopped: watch::Receiver<()>,
 ) {
-    let Some(tls) = tls else { return talk(stream, service, line, place, stopped).await };
+    let Some(tls) = tls else { return talk(stream, service, line, slot, stopped).await };
     match tokio::time::timeout(ASKING, tls.accept(stream)).await {
-        Ok(Ok(stream)) => talk(stream, service, line, place, stopped).await,
+        Ok(Ok(stream)) => talk(stream, service, line, slot, stopped).await,
         Ok(Err(error)) => {
             Counts::add(&counts.no_tls);
             tracing::debug!("the TLS connection of {} failed: {error}", line.peer);
@@ -213,17 +172,17 @@ async fn serve(
 async fn talk(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     service: TowerToHyperService<Router>,
-    line: Line,
-    place: &Place,
+    line: ConnectionInfo,
+    slot: &ConnectionSlot,
     mut stopped: watch::Receiver<()>,
 ) {
     let service = service_fn(|mut request: axum::http::Request<Incoming>| {
-        place.is_answered(true);
+        slot.is_answered(true);
         request.extensions_mut().insert(line);
         let answer = service.call(request);
         async move {
             let answer = answer.await;
-            place.is_answered(false);
+            slot.is_answered(false);
             answer
         }
     });

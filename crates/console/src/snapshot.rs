@@ -9,8 +9,8 @@ use image::{ExtendedColorType, ImageEncoder as _, RgbImage};
 use export::picture::write_rgb;
 use pipeline::control::Progress;
 
-use super::Served;
-use super::broadcast::{EncodedFrame, Kind, Pixmap};
+use super::encoded_frame::{EncodedFrame, Kind, Pixmap};
+use super::served::Served;
 
 /// Largest snapshot number in a folder.
 const MOST: u32 = 100_000;
@@ -30,21 +30,21 @@ impl Drop for Busy {
 /// # Errors
 /// A sentence if there is no picture, or no folder to write to.
 pub(super) fn keep(served: &Served) -> Result<String, String> {
-    let (desk, screen) = (&served.session.desk, &served.session.screen);
-    let folder = desk.folder()?.to_owned();
-    let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| screen.newest(kind)).collect();
+    let (controller, broadcaster) = (&served.session.controller, &served.session.broadcaster);
+    let folder = controller.folder()?.to_owned();
+    let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| broadcaster.newest(kind)).collect();
     if shots.is_empty() {
         return Err("there is no picture yet to save".into());
     }
     if served.snapping.swap(true, Ordering::Relaxed) {
         return Err("the last snapshot is still being written; wait for it".into());
     }
-    let (busy, desk) = (Busy(Arc::clone(&served.snapping)), Arc::clone(desk));
+    let (busy, controller) = (Busy(Arc::clone(&served.snapping)), Arc::clone(controller));
     let write = move || {
         let busy = busy;
         match write(&folder, &shots) {
-            Ok(first) => desk.report(Progress::Done, format!("the pictures are saved: {}", first.display())),
-            Err(why) => desk.report(Progress::Failed, format!("the pictures are not saved: {why}")),
+            Ok(first) => controller.report(Progress::Done, format!("the pictures are saved: {}", first.display())),
+            Err(why) => controller.report(Progress::Failed, format!("the pictures are not saved: {why}")),
         }
         drop(busy);
     };

@@ -8,14 +8,15 @@ use serde_json::{Value, json};
 use pipeline::live::{DeviceStatus, SessionStatus};
 use sync::clock::State;
 
-use super::Served;
-use super::broadcast::Kind;
+use super::encoded_frame::Kind;
+use super::latest::About;
+use super::served::Served;
 
 /// Returns the facts that do not change while the session runs.
 pub(super) fn about(served: &Served) -> Value {
-    let told = served.session.latest.told();
-    let About { name, kind, size, pixel_mm } = &told.basis.about;
-    let recording = told.account.recording.as_ref().map(|written| written.path.display().to_string());
+    let report = served.session.latest.report();
+    let About { name, kind, size, pixel_mm } = &report.basis.about;
+    let recording = report.account.recording.as_ref().map(|written| written.path.display().to_string());
     json!({ "about": {
         "version": env!("CARGO_PKG_VERSION"),
         "name": name,
@@ -25,19 +26,6 @@ pub(super) fn about(served: &Served) -> Value {
         "marker": "left",
         "recording": recording,
     } })
-}
-
-/// Description of a session for pages.
-#[derive(Debug, Clone, Default)]
-pub struct About {
-    /// Name of the session: its configuration's name.
-    pub name: String,
-    /// Kind of session: live, demo or replay.
-    pub kind: &'static str,
-    /// Pixels of the B-mode image to the right and down, if known.
-    pub size: Option<[u32; 2]>,
-    /// Pixel spacing, mm, by the calibration.
-    pub pixel_mm: Option<[f64; 2]>,
 }
 
 /// Counts from which rates are computed.
@@ -59,14 +47,14 @@ pub(super) struct PagePublisher {
 
 impl PagePublisher {
     /// Returns the present status.
-    pub(super) fn tell(&mut self, served: &Served) -> Value {
-        let told = served.session.latest.told();
-        let account = &*told.account;
+    pub(super) fn status(&mut self, served: &Served) -> Value {
+        let report = served.session.latest.report();
+        let account = &*report.account;
         let now = Counts {
-            at: told.at,
+            at: report.at,
             frames: account.ledger.frames.total,
             poses: account.ledger.readings.iter().map(|readings| readings.used).sum(),
-            views: served.session.screen.made(Kind::View),
+            views: served.session.broadcaster.made(Kind::View),
         };
         self.update(now);
         let [frames, poses, pictures] = self.rates.map(|rate| (rate * 10.0).round() / 10.0);
@@ -75,7 +63,7 @@ impl PagePublisher {
             ledger.refused.iter().map(|(reason, count)| (reason.name().replace('_', " "), *count)).collect();
         let dropped: u64 = ledger.dropped.values().sum();
         json!({ "account": {
-            "desk": served.session.desk.status(),
+            "desk": served.session.controller.status(),
             "frozen": account.frozen,
             "volume": account.volume,
             "slices": ledger.used,
@@ -90,10 +78,10 @@ impl PagePublisher {
             "frozen_s": account.stuck_s,
             "bent": account.distortion.is_some_and(|found| found.rms_mm.is_some()),
             "recording": recording(account),
-            "coach": told.coach.as_deref(),
+            "coach": report.guidance.as_deref(),
             "notes": account.notes,
-            "still": told.still,
-            "ended": told.ended,
+            "still": report.still,
+            "ended": report.ended,
         } })
     }
 

@@ -32,12 +32,15 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use sonoweave_core::clock::{Clock as _, Monotonic};
 
-use super::broadcast::{EncodedFrame, KINDS, Kind, Pixmap, Subscription, unix_ms};
+use super::broadcast::Subscription;
+use super::counts::Counts;
+use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
 use super::message::{ClientMessage, PageMessage};
 use super::quality::{Grade, Quality};
-use super::viewer_slots::Place;
-use super::{Counts, Served, status};
+use super::served::Served;
+use super::status;
+use super::viewer_slots::ViewerSlot;
 
 /// Largest number of unanswered pictures of a kind per page.
 const ON_THEIR_WAY: u32 = 2;
@@ -56,23 +59,23 @@ const SENDING: Duration = Duration::from_secs(5);
 const MOST_BYTES: usize = 4096;
 /// Interval of pings, which the browser answers by itself, and the silence after which a page
 /// counts as gone.
-const ASKED: Duration = Duration::from_secs(10);
+const PING_EVERY: Duration = Duration::from_secs(10);
 const SILENT: Duration = Duration::from_secs(30);
 /// Most messages of a page per second: dragging sends 120, and pictures are answered.
 const MOST_MESSAGES: u32 = 400;
 
 pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
-    let Some((place, gave_way)) = served.places.enter().await else {
-        Counts::add(&served.gate.counts.pages_sent_away);
+    let Some((slot, has_evicted)) = served.viewer_slots.enter().await else {
+        Counts::add(&served.gate.counts.pages_refused);
         let sentence = "all viewer slots are in use; close another page\n";
         return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
     };
-    if gave_way {
-        Counts::add(&served.gate.counts.gave_way);
+    if has_evicted {
+        Counts::add(&served.gate.counts.evictions);
     }
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).write_buffer_size(0).on_upgrade(
         async move |socket| {
-            let end = Page::new(&served, socket, place).run(served.stopped.clone()).await;
+            let end = Page::new(&served, socket, slot).run(served.stopped.clone()).await;
             if let End::CutOff(_) = end {
                 Counts::add(&served.gate.counts.pages_cut_off);
             }
@@ -89,7 +92,7 @@ pub fn understood(text: &str) -> bool {
 /// Unanswered pictures of a kind.
 struct Channel {
     kind: Kind,
-    looks: bool,
+    is_viewed: bool,
     pictures: watch::Receiver<Option<Arc<EncodedFrame>>>,
     sent: u32,
     /// Sequence number and sending time of the last picture sent.
@@ -99,21 +102,21 @@ struct Channel {
     quality: Quality,
     grade: Grade,
     /// Description that preceded the last picture.
-    told: Option<serde_json::Value>,
+    description: Option<serde_json::Value>,
 }
 
 impl Channel {
-    fn new(kind: Kind, seat: &Subscription) -> Self {
+    fn new(kind: Kind, subscription: &Subscription) -> Self {
         Self {
             kind,
-            looks: false,
-            pictures: seat.pictures(kind),
+            is_viewed: false,
+            pictures: subscription.pictures(kind),
             sent: 0,
             last: 0,
             since: Instant::now(),
             quality: Quality::Whole,
             grade: Grade::default(),
-            told: None,
+            description: None,
         }
     }
 
@@ -121,21 +124,21 @@ impl Channel {
     async fn next(&mut self) -> (Arc<EncodedFrame>, Quality) {
         loop {
             // All pictures are answered, and the last one could be better.
-            let again = if self.looks && self.sent == 0 { self.grade.again(self.quality) } else { None };
-            if self.looks && self.sent < ON_THEIR_WAY {
+            let again = if self.is_viewed && self.sent == 0 { self.grade.again(self.quality) } else { None };
+            if self.is_viewed && self.sent < ON_THEIR_WAY {
                 let newest = self.pictures.borrow_and_update().clone();
                 match (newest, again) {
                     (Some(shot), _) if shot.sequence != self.last => return (shot, self.grade.quality()),
                     (Some(shot), Some((quality, wait))) if self.since.elapsed() >= wait => return (shot, quality),
                     _ => {}
                 }
-            } else if self.looks && self.since.elapsed() >= FORGIVEN {
+            } else if self.is_viewed && self.since.elapsed() >= FORGIVEN {
                 self.sent = 0;
                 self.grade.forgiven(Instant::now());
                 continue;
             }
             let waits = async {
-                if self.looks && self.sent >= ON_THEIR_WAY {
+                if self.is_viewed && self.sent >= ON_THEIR_WAY {
                     tokio::time::sleep_until(self.since + FORGIVEN).await;
                 } else if let Some((_, wait)) = again {
                     let _ = tokio::time::timeout_at(self.since + wait, self.pictures.changed()).await;
@@ -175,10 +178,10 @@ impl End {
 struct Page<'a> {
     served: &'a Served,
     socket: WebSocket,
-    place: Place,
+    slot: ViewerSlot,
     /// Time of the page's last message, pings included.
-    heard: Instant,
-    seat: Subscription,
+    received: Instant,
+    subscription: Subscription,
     channels: [Channel; KINDS],
     /// Messages in this second.
     messages: u32,
@@ -186,45 +189,48 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    fn new(served: &'a Served, socket: WebSocket, place: Place) -> Self {
-        let seat = served.session.screen.enter();
-        let channels = Kind::ALL.map(|kind| Channel::new(kind, &seat));
+    fn new(served: &'a Served, socket: WebSocket, slot: ViewerSlot) -> Self {
+        let subscription = served.session.broadcaster.enter();
+        let channels = Kind::ALL.map(|kind| Channel::new(kind, &subscription));
         let now = Instant::now();
-        Self { served, socket, place, heard: now, seat, channels, messages: 0, second: now }
+        Self { served, socket, slot, received: now, subscription, channels, messages: 0, second: now }
     }
 
     /// Serves until the page or the server is gone; returns the reason.
     async fn run(mut self, mut stopped: watch::Receiver<()>) -> End {
-        let mut turns = self.seat.turns();
+        let mut turns = self.subscription.turns();
         let mut accounts = interval(OFTEN);
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut questions = interval_at(Instant::now() + ASKED, ASKED);
+        let mut questions = interval_at(Instant::now() + PING_EVERY, PING_EVERY);
         questions.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut marking = interval(MARKED);
         marking.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut marked: Option<Marks> = None;
         let mut account = status::PagePublisher::default();
-        let mut told_at = Instant::now();
+        let mut status_at = Instant::now();
         let mut about = status::about(self.served);
-        let mut dressed = self.seat.dressed();
-        if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
+        let mut style_changes = self.subscription.style_changes();
+        if !self.send_json(about.clone()).await
+            || !self.send_json(self.control()).await
+            || !self.send_json(self.style_message()).await
+        {
             return End::TOOK_NOTHING;
         }
-        self.rests();
+        self.update_activity();
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
-            let looks = view.looks;
+            let is_viewed = view.is_viewed;
             let message = tokio::select! {
                 _ = stopped.changed() => {
-                    self.leave(account.tell(self.served)).await;
+                    self.leave(account.status(self.served)).await;
                     return End::Gone("the session is over");
                 }
-                () = self.place.sent_away() => {
+                () = self.slot.evicted() => {
                     self.close(close_code::AGAIN, "this page was inactive, and another page took its place").await;
                     return End::Gone("the page was inactive, and another page took its place");
                 }
                 Ok(()) = turns.changed() => {
-                    self.rests();
+                    self.update_activity();
                     Out::Text(self.control())
                 }
                 (shot, quality) = slice.next() => Out::EncodedFrame(shot, quality),
@@ -233,40 +239,40 @@ impl<'a> Page<'a> {
                 (shot, quality) = across_y.next() => Out::EncodedFrame(shot, quality),
                 (shot, quality) = across_x.next() => Out::EncodedFrame(shot, quality),
                 (shot, quality) = free.next() => Out::EncodedFrame(shot, quality),
-                Ok(()) = dressed.changed() => Out::Text(self.dress()),
-                _ = marking.tick(), if looks => match self.served.session.screen.marks(Monotonic.now_ns()) {
+                Ok(()) = style_changes.changed() => Out::Text(self.style_message()),
+                _ = marking.tick(), if is_viewed => match self.served.session.broadcaster.marks(Monotonic.now_ns()) {
                     Some(marks) if marked.as_ref().is_none_or(|was| was.differ(&marks)) => {
-                        let value = marks.told();
+                        let value = marks.to_json();
                         marked = Some(marks);
                         Out::Text(value)
                     }
                     _ => continue,
                 },
                 _ = accounts.tick() => {
-                    let is_due = self.channels.iter().any(|channel| channel.looks) || told_at.elapsed() >= SELDOM;
+                    let is_due = self.channels.iter().any(|channel| channel.is_viewed) || status_at.elapsed() >= SELDOM;
                     if !is_due {
                         continue;
                     }
-                    told_at = Instant::now();
+                    status_at = Instant::now();
                     let newer = status::about(self.served);
                     if newer != about {
                         about.clone_from(&newer);
-                        if !self.say(newer).await {
+                        if !self.send_json(newer).await {
                             return End::TOOK_NOTHING;
                         }
                     }
-                    Out::Text(account.tell(self.served))
+                    Out::Text(account.status(self.served))
                 }
                 _ = questions.tick() => {
-                    if self.heard.elapsed() >= SILENT {
+                    if self.received.elapsed() >= SILENT {
                         return End::CutOff("the page stopped responding");
                     }
                     Out::Question
                 }
-                came = self.socket.recv() => match came {
-                    Some(Ok(message)) => match self.heard(message) {
+                received = self.socket.recv() => match received {
+                    Some(Ok(message)) => match self.handle_message(message) {
                         MessageOutcome::Fine => continue,
-                        MessageOutcome::Done(says) => Out::Text(serde_json::json!({ "done": says })),
+                        MessageOutcome::Done(text) => Out::Text(serde_json::json!({ "done": text })),
                         MessageOutcome::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
                         MessageOutcome::Over(end) => return end,
                     },
@@ -274,9 +280,9 @@ impl<'a> Page<'a> {
                 },
             };
             let taken = match message {
-                Out::Text(value) => self.say(value).await,
+                Out::Text(value) => self.send_json(value).await,
                 Out::EncodedFrame(shot, quality) => self.send(&shot, quality).await,
-                Out::Question => self.hand(Message::Ping(Vec::new().into())).await,
+                Out::Question => self.send_message(Message::Ping(Vec::new().into())).await,
             };
             if !taken {
                 return End::TOOK_NOTHING;
@@ -286,7 +292,7 @@ impl<'a> Page<'a> {
 
     /// Sends the last status and closes.
     async fn leave(&mut self, account: serde_json::Value) {
-        if self.say(account).await {
+        if self.send_json(account).await {
             self.close(close_code::AWAY, "the session is over").await;
         }
     }
@@ -297,35 +303,35 @@ impl<'a> Page<'a> {
     }
 
     /// Reports to the viewer slots whether this page is inactive.
-    fn rests(&self) {
-        let is_missed = self.seat.steers() || self.channels.iter().any(|channel| channel.looks);
-        self.place.rests(!is_missed);
+    fn update_activity(&self) {
+        let is_missed = self.subscription.steers() || self.channels.iter().any(|channel| channel.is_viewed);
+        self.slot.set_inactive(!is_missed);
     }
 
     fn control(&self) -> serde_json::Value {
-        serde_json::json!({ "control": self.seat.steers() })
+        serde_json::json!({ "control": self.subscription.steers() })
     }
 
-    fn dress(&self) -> serde_json::Value {
-        self.served.session.screen.told_dress()
+    fn style_message(&self) -> serde_json::Value {
+        self.served.session.broadcaster.style_json()
     }
 
-    async fn say(&mut self, value: serde_json::Value) -> bool {
-        self.hand(Message::Text(value.to_string().into())).await
+    async fn send_json(&mut self, value: serde_json::Value) -> bool {
+        self.send_message(Message::Text(value.to_string().into())).await
     }
 
     /// Returns whether the message was sent.
-    async fn hand(&mut self, message: Message) -> bool {
+    async fn send_message(&mut self, message: Message) -> bool {
         matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
     }
 
     async fn send(&mut self, shot: &EncodedFrame, quality: Quality) -> bool {
         let channel = &mut self.channels[shot.kind as usize - 1];
         // The description of a view holds until the view changes.
-        let is_new = channel.told != shot.words;
+        let is_new = channel.description != shot.words;
         if let Some(words) = shot.words.as_ref().filter(|_| is_new) {
-            channel.told = Some(words.clone());
-            if !self.say(words.clone()).await {
+            channel.description = Some(words.clone());
+            if !self.send_json(words.clone()).await {
                 return false;
             }
         }
@@ -336,13 +342,16 @@ impl<'a> Page<'a> {
         channel.grade.sent(shot.sequence, now, !is_new);
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
         channel.quality = quality;
-        let jpeg = self.served.shelf.packed(shot, quality, &self.served.gate.counts);
+        let jpeg = self.served.jpeg_cache.packed(shot, quality, &self.served.gate.counts);
         let captured_ms = shot.captured_ms.filter(|_| is_new);
-        self.hand(Message::Binary(packed(shot, captured_ms, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
+        self.send_message(Message::Binary(
+            packed(shot, captured_ms, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into(),
+        ))
+        .await
     }
 
-    fn heard(&mut self, message: Message) -> MessageOutcome {
-        self.heard = Instant::now();
+    fn handle_message(&mut self, message: Message) -> MessageOutcome {
+        self.received = Instant::now();
         if self.second.elapsed() >= Duration::from_secs(1) {
             (self.messages, self.second) = (0, Instant::now());
         }
@@ -361,13 +370,13 @@ impl<'a> Page<'a> {
             Ok(message) => message,
             Err(why) => return MessageOutcome::Refused(why),
         };
-        if !self.seat.steers() {
+        if !self.subscription.steers() {
             return MessageOutcome::Refused("another page controls this session; take over control first".into());
         }
         match message.execute(self.served) {
             // The picture itself shows that the view has turned.
             Ok(None) => MessageOutcome::Fine,
-            Ok(Some(says)) => MessageOutcome::Done(says),
+            Ok(Some(text)) => MessageOutcome::Done(text),
             Err(why) => MessageOutcome::Refused(why),
         }
     }
@@ -377,15 +386,15 @@ impl<'a> Page<'a> {
         match message {
             PageMessage::Show { slice, view, planes } => {
                 for channel in &mut self.channels {
-                    let looks = match channel.kind {
+                    let is_viewed = match channel.kind {
                         Kind::Slice => slice,
                         Kind::View => view,
                         _ => planes,
                     };
-                    self.seat.look(channel.kind, looks);
-                    channel.looks = looks;
+                    self.subscription.subscribe(channel.kind, is_viewed);
+                    channel.is_viewed = is_viewed;
                 }
-                self.rests();
+                self.update_activity();
             }
             PageMessage::Shown { kind, sequence, had } => {
                 let Some(channel) = self.channels.iter_mut().find(|channel| channel.kind as u8 == kind) else {
@@ -393,7 +402,7 @@ impl<'a> Page<'a> {
                 };
                 channel.answered(sequence, had);
             }
-            PageMessage::Control => self.seat.take_over(),
+            PageMessage::Control => self.subscription.take_over(),
         }
         MessageOutcome::Fine
     }

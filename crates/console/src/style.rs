@@ -13,7 +13,7 @@ const MOST_GREY: f64 = 1e6;
 
 /// The configured style.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Ground {
+pub struct ConfiguredStyle {
     /// The configured transfer function.
     pub transfer: Transfer,
     /// Name of the preset or of the file it came from.
@@ -21,7 +21,7 @@ pub struct Ground {
     /// Grey values displayed as black and as white.
     pub range: [f32; 2],
     /// Whether the configured composite mode uses opacities.
-    pub heeded: bool,
+    pub uses_opacities: bool,
 }
 
 /// The style that a user requests.
@@ -36,7 +36,7 @@ pub struct Choice {
 /// The style in use.
 #[derive(Debug, Default)]
 pub struct PresentStyle {
-    ground: Option<Ground>,
+    configured: Option<ConfiguredStyle>,
     choice: Choice,
     /// Number of changes so far.
     changes: u64,
@@ -44,9 +44,9 @@ pub struct PresentStyle {
 
 impl PresentStyle {
     /// Sets the configured style. Returns whether it differs from the one before.
-    pub(super) fn ground(&mut self, ground: Ground) -> bool {
-        let is_other = self.ground.as_ref() != Some(&ground);
-        self.ground = Some(ground);
+    pub(super) fn configure(&mut self, configured: ConfiguredStyle) -> bool {
+        let is_other = self.configured.as_ref() != Some(&configured);
+        self.configured = Some(configured);
         self.changes += u64::from(is_other);
         is_other
     }
@@ -57,9 +57,9 @@ impl PresentStyle {
     }
 
     /// Applies the chosen style to the render settings.
-    pub(super) fn put_on(&self, settings: &mut RenderSettings) {
+    pub(super) fn apply(&self, settings: &mut RenderSettings) {
         if self.choice != Choice::default()
-            && let Some(Ok(transfer)) = self.ground.as_ref().map(|ground| made(ground, &self.choice))
+            && let Some(Ok(transfer)) = self.configured.as_ref().map(|configured| made(configured, &self.choice))
         {
             settings.transfer = transfer;
         }
@@ -70,8 +70,8 @@ impl PresentStyle {
     /// # Errors
     /// A sentence if the choice yields no valid transfer function; the previous choice stays.
     pub(super) fn choose(&mut self, choice: Choice) -> Result<(), String> {
-        let ground = self.ground.as_ref().ok_or("no volume is drawn in this session")?;
-        made(ground, &choice)?;
+        let configured = self.configured.as_ref().ok_or("no volume is drawn in this session")?;
+        made(configured, &choice)?;
         if self.choice != choice {
             self.choice = choice;
             self.changes += 1;
@@ -80,30 +80,30 @@ impl PresentStyle {
     }
 
     /// The style as JSON, for pages.
-    pub(super) fn told(&self) -> Value {
-        let Some(ground) = &self.ground else { return json!({ "dress": null }) };
-        let transfer = made(ground, &self.choice).unwrap_or_else(|_| ground.transfer.clone());
+    pub(super) fn to_json(&self) -> Value {
+        let Some(configured) = &self.configured else { return json!({ "dress": null }) };
+        let transfer = made(configured, &self.choice).unwrap_or_else(|_| configured.transfer.clone());
         let curve = match transfer.opacity() {
             Opacity::Curve(curve) => Some(curve.points().map(|(grey, [opacity])| [grey, opacity]).collect::<Vec<_>>()),
             Opacity::Isovalue { .. } | Opacity::Region(_) => None,
         };
         json!({ "dress": {
             "preset": self.choice.preset,
-            "configured": ground.name,
+            "configured": configured.name,
             "presets": Transfer::PRESETS.map(|(name, purpose)| [name, purpose]),
             "points": curve,
             "drawn": self.choice.points.is_some(),
-            "range": ground.range,
-            "heeded": ground.heeded,
+            "range": configured.range,
+            "heeded": configured.uses_opacities,
         } })
     }
 }
 
 /// Returns the transfer function of a choice.
-fn made(ground: &Ground, Choice { preset, points }: &Choice) -> Result<Transfer, String> {
+fn made(configured: &ConfiguredStyle, Choice { preset, points }: &Choice) -> Result<Transfer, String> {
     let base = match preset {
-        Some(name) => Transfer::preset(name, ground.range.map(f64::from)).map_err(|error| error.to_string())?,
-        None => ground.transfer.clone(),
+        Some(name) => Transfer::preset(name, configured.range.map(f64::from)).map_err(|error| error.to_string())?,
+        None => configured.transfer.clone(),
     };
     let Some(points) = points else { return Ok(base) };
     if points.len() > MOST_POINTS {
@@ -126,46 +126,46 @@ fn made(ground: &Ground, Choice { preset, points }: &Choice) -> Result<Transfer,
 mod tests {
     use super::*;
 
-    fn ground() -> Ground {
+    fn configured() -> ConfiguredStyle {
         let range = [0.0, 255.0];
-        Ground {
+        ConfiguredStyle {
             transfer: Transfer::preset("phantom", range.map(f64::from)).unwrap(),
             name: "phantom".into(),
             range,
-            heeded: true,
+            uses_opacities: true,
         }
     }
 
-    fn worn(dress: &PresentStyle) -> Transfer {
-        let mut settings = RenderSettings::new([8, 8], ground().transfer);
-        dress.put_on(&mut settings);
+    fn applied(style: &PresentStyle) -> Transfer {
+        let mut settings = RenderSettings::new([8, 8], configured().transfer);
+        style.apply(&mut settings);
         settings.transfer
     }
 
     #[test]
     fn style_choice_applies_and_invalid_choice_changes_nothing() {
-        let mut dress = PresentStyle::default();
-        assert!(dress.choose(Choice::default()).unwrap_err().contains("no volume is drawn"));
-        assert_eq!(dress.told()["dress"], Value::Null);
-        assert!(dress.ground(ground()) && !dress.ground(ground()));
-        assert_eq!((dress.number(), worn(&dress)), (0, ground().transfer));
+        let mut style = PresentStyle::default();
+        assert!(style.choose(Choice::default()).unwrap_err().contains("no volume is drawn"));
+        assert_eq!(style.to_json()["dress"], Value::Null);
+        assert!(style.configure(configured()) && !style.configure(configured()));
+        assert_eq!((style.number(), applied(&style)), (0, configured().transfer));
         let bone = Choice { preset: Some("bone".into()), points: None };
-        dress.choose(bone.clone()).unwrap();
-        let number = dress.number();
-        assert_eq!(worn(&dress), Transfer::preset("bone", [0.0, 255.0]).unwrap());
-        dress.choose(bone).unwrap();
-        assert_eq!(dress.number(), number, "the same again is no change");
+        style.choose(bone.clone()).unwrap();
+        let number = style.number();
+        assert_eq!(applied(&style), Transfer::preset("bone", [0.0, 255.0]).unwrap());
+        style.choose(bone).unwrap();
+        assert_eq!(style.number(), number, "the same again is no change");
 
         let curved =
             Choice { preset: Some("tissue".into()), points: Some(vec![[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]) };
-        dress.choose(curved).unwrap();
-        assert_ne!(dress.number(), number);
-        let (tissue, transfer) = (Transfer::preset("tissue", [0.0, 255.0]).unwrap(), worn(&dress));
+        style.choose(curved).unwrap();
+        assert_ne!(style.number(), number);
+        let (tissue, transfer) = (Transfer::preset("tissue", [0.0, 255.0]).unwrap(), applied(&style));
         assert_eq!((transfer.colours(), transfer.gradient()), (tissue.colours(), tissue.gradient()));
-        assert_eq!(dress.told()["dress"]["points"], json!([[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]));
+        assert_eq!(style.to_json()["dress"]["points"], json!([[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]));
 
-        let (number, told) = (dress.number(), dress.told());
-        for (points, says) in [
+        let (number, to_json) = (style.number(), style.to_json());
+        for (points, sentence) in [
             (vec![], "holds no points"),
             (vec![[10.0, 0.5], [10.0, 0.6]], "stands at 10, after a point at 10"),
             (vec![[10.0, 1.5]], "from 0 to 1"),
@@ -174,16 +174,16 @@ mod tests {
             (vec![[2e6, 0.5]], "within ±1000000"),
             ((0..17).map(|n| [f64::from(n), 0.5]).collect(), "16 points at most"),
         ] {
-            let refused = dress.choose(Choice { preset: None, points: Some(points) }).unwrap_err();
-            assert!(refused.contains(says), "{refused}");
+            let refused = style.choose(Choice { preset: None, points: Some(points) }).unwrap_err();
+            assert!(refused.contains(sentence), "{refused}");
         }
-        let unknown = dress.choose(Choice { preset: Some("velvet".into()), points: None }).unwrap_err();
+        let unknown = style.choose(Choice { preset: Some("velvet".into()), points: None }).unwrap_err();
         assert!(unknown.contains("\"velvet\"") && unknown.contains("xray"), "{unknown}");
-        assert_eq!((dress.number(), dress.told(), worn(&dress)), (number, told, transfer));
-        dress.choose(Choice::default()).unwrap();
-        assert_eq!((dress.number(), worn(&dress)), (0, ground().transfer));
+        assert_eq!((style.number(), style.to_json(), applied(&style)), (number, to_json, transfer));
+        style.choose(Choice::default()).unwrap();
+        assert_eq!((style.number(), applied(&style)), (0, configured().transfer));
         // A surface preset has no curve to draw.
-        dress.choose(Choice { preset: Some("surface".into()), points: None }).unwrap();
-        assert_eq!(dress.told()["dress"]["points"], Value::Null);
+        style.choose(Choice { preset: Some("surface".into()), points: None }).unwrap();
+        assert_eq!(style.to_json()["dress"]["points"], Value::Null);
     }
 }

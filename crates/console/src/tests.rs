@@ -8,22 +8,31 @@ mod pick;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use axum::Router;
 use axum::body::{Body, to_bytes};
-use axum::http::Request;
+use axum::http::{Request, StatusCode};
+use axum::routing::{get, post};
 use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use serde_json::Value;
+use tokio::sync::watch;
 
+use config::bedside::Effective;
 use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use mask::MaskSettings;
-use pipeline::live::{ClockStatus, DeviceStatus, Unwritten, Written};
+use pipeline::control::SessionController;
+use pipeline::live::{ClockStatus, DeviceStatus, SessionStatus, Unwritten, Written};
 use sonoweave_core::ledger::{Queue, Readings};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::clock;
 
 use super::*;
+use crate::latest::STALE;
+use crate::routes::guarded;
 
 /// A status in which everything has happened.
 fn eventful() -> SessionStatus {
@@ -85,7 +94,7 @@ fn held(spacing_mm: f64) -> Basis {
 fn session() -> Arc<Latest> {
     let latest = Latest::new(held(0.25));
     latest.adopt(held(0.5));
-    latest.tell(&eventful(), &[]);
+    latest.publish(&eventful(), &[]);
     Arc::new(latest)
 }
 
@@ -113,12 +122,12 @@ fn answered(served: Served, request: Request<Body>) -> (StatusCode, axum::http::
     (status, headers, String::from_utf8(body).unwrap())
 }
 
-fn asked(latest: &Arc<Latest>, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, String) {
+fn requested(latest: &Arc<Latest>, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, String) {
     answered(served(latest), request)
 }
 
 fn get_as(latest: &Arc<Latest>, host: &str, path: &str) -> (StatusCode, axum::http::HeaderMap, String) {
-    asked(latest, Request::get(path).header("host", host).body(Body::empty()).unwrap())
+    requested(latest, Request::get(path).header("host", host).body(Body::empty()).unwrap())
 }
 
 #[test]
@@ -128,38 +137,38 @@ fn status_returns_current_statistics() {
         (code, &headers["content-type"], &headers["cache-control"]),
         (StatusCode::OK, &"application/json".parse().unwrap(), &"no-store".parse().unwrap())
     );
-    let told: Value = serde_json::from_str(&body).unwrap();
-    assert_eq!(told["version"], env!("CARGO_PKG_VERSION"));
-    let frames = &told["frames"];
+    let reported: Value = serde_json::from_str(&body).unwrap();
+    assert_eq!(reported["version"], env!("CARGO_PKG_VERSION"));
+    let frames = &reported["frames"];
     assert_eq!(
         (&frames["total"], &frames["used"], &frames["waiting"], &frames["lost"]),
         (&10.into(), &5.into(), &2.into(), &11.into())
     );
     assert_eq!((&frames["refused"]["same_picture"], &frames["dropped"]["insertion"]), (&2.into(), &1.into()));
-    let tracking = &told["devices"][0];
+    let tracking = &reported["devices"][0];
     assert_eq!(
         (&tracking["state"], &tracking["why"], &tracking["last_reading_s_ago"]),
         (&"silent".into(), &"says \"nothing\"".into(), &0.25.into())
     );
     assert_eq!(tracking["clocks"][0]["state"], "locked");
     assert_eq!(
-        (&told["pictures"], &told["frozen_s"], &told["recording"]["minutes_left"]),
+        (&reported["pictures"], &reported["frozen_s"], &reported["recording"]["minutes_left"]),
         (&4.into(), &1.5.into(), &90.0.into())
     );
-    assert_eq!((&told["capture_to_volume"]["count"], &told["capture_to_picture"]), (&1.into(), &Value::Null));
-    assert!(told["wall_s"].as_f64().unwrap() >= 0.0 && told["process"]["resident_bytes"].as_u64().unwrap() > 0);
-    assert_eq!(told["config"]["volume.spacing_mm"], 0.5);
-    assert!(told.get("coach").is_none(), "nobody looks on");
+    assert_eq!((&reported["capture_to_volume"]["count"], &reported["capture_to_picture"]), (&1.into(), &Value::Null));
+    assert!(reported["wall_s"].as_f64().unwrap() >= 0.0 && reported["process"]["resident_bytes"].as_u64().unwrap() > 0);
+    assert_eq!(reported["config"]["volume.spacing_mm"], 0.5);
+    assert!(reported.get("coach").is_none(), "nobody looks on");
     let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
     let settings = GuidanceSettings { spacing, mask: MaskSettings::default(), calibration: Some("It is old.".into()) };
-    let (latest, coach) = (session(), ScanGuidance::new(settings));
+    let (latest, guidance) = (session(), ScanGuidance::new(settings));
     for at_ns in [0, 1_000_000_000] {
-        latest.coached(coach.status(&eventful(), at_ns));
+        latest.publish_guidance(guidance.status(&eventful(), at_ns));
     }
     let (_, _, body) = get_as(&latest, "localhost:9110", "/status");
-    let told: Value = serde_json::from_str(&body).unwrap();
-    assert_eq!((&told["coach"]["speed"], &told["coach"]["spacing"]["gapless_mm"]), (&Value::Null, &4.0.into()));
-    let keys = told["coach"]["advice"].as_array().unwrap().iter().map(|advice| advice["key"].as_str().unwrap());
+    let reported: Value = serde_json::from_str(&body).unwrap();
+    assert_eq!((&reported["coach"]["speed"], &reported["coach"]["spacing"]["gapless_mm"]), (&Value::Null, &4.0.into()));
+    let keys = reported["coach"]["advice"].as_array().unwrap().iter().map(|advice| advice["key"].as_str().unwrap());
     assert_eq!(keys.collect::<Vec<_>>(), ["frozen", "calibration"]);
 }
 
@@ -204,8 +213,8 @@ fn metrics_are_well_formed_and_match_status() {
     let samples = parsed(&body);
     let sum =
         |prefix: &str| samples.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, value)| value).sum::<f64>();
-    let fates = sum("sonoweave_frames_total{");
-    assert_eq!(fates + samples["sonoweave_frames_waiting"], samples["sonoweave_frames_arrived_total"]);
+    let outcomes = sum("sonoweave_frames_total{");
+    assert_eq!(outcomes + samples["sonoweave_frames_waiting"], samples["sonoweave_frames_arrived_total"]);
     let device = "device=\"tracking\"";
     let of_device = sum(&format!("sonoweave_readings_total{{{device}"));
     assert_eq!(of_device + samples[&format!("sonoweave_readings_waiting{{{device}}}")], 9.0);
@@ -234,12 +243,12 @@ fn metrics_are_well_formed_and_match_status() {
 fn health_is_ok_while_session_progresses() {
     let latest = session();
     assert_eq!(get_as(&latest, "[::1]:9110", "/healthz").0, StatusCode::OK);
-    latest.tell(&eventful(), &["capture-grabber".into()]);
+    latest.publish(&eventful(), &["capture-grabber".into()]);
     let (code, _, body) = get_as(&latest, "[::1]:9110", "/healthz");
     assert_eq!((code, body.as_str()), (StatusCode::SERVICE_UNAVAILABLE, "stands still: capture-grabber\n"));
-    latest.tell(&eventful(), &[]);
+    latest.publish(&eventful(), &[]);
     if let Some(long_ago) = Instant::now().checked_sub(STALE) {
-        latest.told.lock().unwrap().at = long_ago;
+        latest.report.lock().unwrap().at = long_ago;
         assert_eq!(get_as(&latest, "[::1]:9110", "/healthz").0, StatusCode::SERVICE_UNAVAILABLE);
     }
 }
@@ -255,16 +264,16 @@ fn other_hosts_paths_and_methods_are_refused() {
         }
     }
     let plain = |method: &str, uri: &str| Request::builder().method(method).uri(uri);
-    let (code, ..) = asked(&latest, plain("GET", "/status").body(Body::empty()).unwrap());
+    let (code, ..) = requested(&latest, plain("GET", "/status").body(Body::empty()).unwrap());
     assert_eq!(code, StatusCode::BAD_REQUEST, "no host at all");
     let proxied = plain("GET", "http://example.org/status").header("host", "localhost").body(Body::empty()).unwrap();
-    assert_eq!(asked(&latest, proxied).0, StatusCode::FORBIDDEN);
+    assert_eq!(requested(&latest, proxied).0, StatusCode::FORBIDDEN);
     let (code, _, body) = get_as(&latest, "localhost", "/elsewhere");
     assert_eq!(code, StatusCode::NOT_FOUND);
     assert!(body.contains("/status"), "{body}");
     for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
         let (code, headers, _) =
-            asked(&latest, plain(method, "/status").header("host", "localhost").body(Body::empty()).unwrap());
+            requested(&latest, plain(method, "/status").header("host", "localhost").body(Body::empty()).unwrap());
         assert_eq!(
             (code, &headers["allow"]),
             (StatusCode::METHOD_NOT_ALLOWED, &"GET,HEAD".parse().unwrap()),

@@ -83,9 +83,9 @@ impl Token {
     }
 
     /// Whether this is the token. The comparison takes the same time for all wrong ones.
-    pub(super) fn is(&self, told: &str) -> bool {
-        let told: [u8; 32] = Sha256::digest(told).into();
-        bool::from(self.0.ct_eq(&told))
+    pub(super) fn is(&self, hash: &str) -> bool {
+        let hash: [u8; 32] = Sha256::digest(hash).into();
+        bool::from(self.0.ct_eq(&hash))
     }
 }
 
@@ -155,8 +155,8 @@ impl Browsers {
 
     /// Whether this identifier belongs to a known browser.
     pub(super) fn knows(&self, id: &str) -> bool {
-        let told: [u8; 32] = Sha256::digest(id).into();
-        self.0.iter().fold(false, |known, own| known | bool::from(own.ct_eq(&told)))
+        let hash: [u8; 32] = Sha256::digest(id).into();
+        self.0.iter().fold(false, |known, own| known | bool::from(own.ct_eq(&hash)))
     }
 }
 
@@ -183,7 +183,7 @@ mod tests {
         for mode in [0o640, 0o604, 0o620, 0o601, 0o666] {
             assert!(read(TOKEN.as_bytes(), mode).unwrap_err().contains("chmod 600"), "{mode:o}");
         }
-        for (text, says) in [
+        for (text, sentence) in [
             (&b""[..], "of 0 characters"),
             (&TOKEN.as_bytes()[1..], "of 31 characters, but 32 or more are needed"),
             (b"0123456789abcdef 0123456789abcdef", "without spaces"),
@@ -192,7 +192,7 @@ mod tests {
             (&[0xff; 40], "cannot be read"),
         ] {
             let why = read(text, 0o600).unwrap_err();
-            assert!(why.contains(says), "{why}");
+            assert!(why.contains(sentence), "{why}");
         }
         let folder = tempfile::tempdir().unwrap();
         assert!(Token::read(folder.path()).unwrap_err().contains("is not a file"));

@@ -33,16 +33,16 @@ struct Pages {
 struct Page {
     number: u64,
     /// Time since which the page neither views anything nor has control; `None` while it does.
-    rests: Option<Instant>,
-    sent_away: Arc<Notify>,
+    inactive_since: Option<Instant>,
+    evicted: Arc<Notify>,
 }
 
 /// A viewer slot; dropping it frees the slot.
 #[derive(Debug)]
-pub(super) struct Place {
-    places: Arc<ViewerSlots>,
+pub(super) struct ViewerSlot {
+    slots: Arc<ViewerSlots>,
     number: u64,
-    sent_away: Arc<Notify>,
+    evicted: Arc<Notify>,
     _permit: OwnedSemaphorePermit,
 }
 
@@ -58,35 +58,37 @@ impl ViewerSlots {
 
     /// Takes a slot; also returns whether a page was replaced for it. `None` if no page can be
     /// replaced.
-    pub(super) async fn enter(self: &Arc<Self>) -> Option<(Place, bool)> {
+    pub(super) async fn enter(self: &Arc<Self>) -> Option<(ViewerSlot, bool)> {
         if let Ok(permit) = Arc::clone(&self.free).try_acquire_owned() {
-            return Some((self.place(permit), false));
+            return Some((self.slot(permit), false));
         }
-        if !self.sends_away(Instant::now()) {
+        if !self.evicts(Instant::now()) {
             return None;
         }
         let permit = timeout(LEAVING, Arc::clone(&self.free).acquire_owned()).await.ok()?.ok()?;
-        Some((self.place(permit), true))
+        Some((self.slot(permit), true))
     }
 
-    fn place(self: &Arc<Self>, permit: OwnedSemaphorePermit) -> Place {
+    fn slot(self: &Arc<Self>, permit: OwnedSemaphorePermit) -> ViewerSlot {
         let mut pages = self.pages();
         pages.next += 1;
-        let (number, sent_away) = (pages.next, Arc::new(Notify::new()));
-        pages.all.push(Page { number, rests: None, sent_away: Arc::clone(&sent_away) });
-        Place { places: Arc::clone(self), number, sent_away, _permit: permit }
+        let (number, evicted) = (pages.next, Arc::new(Notify::new()));
+        pages.all.push(Page { number, inactive_since: None, evicted: Arc::clone(&evicted) });
+        ViewerSlot { slots: Arc::clone(self), number, evicted, _permit: permit }
     }
 
     /// Tells the longest inactive page to leave, at most once per page. Returns whether there
     /// was one.
-    fn sends_away(&self, now: Instant) -> bool {
+    fn evicts(&self, now: Instant) -> bool {
         let mut pages = self.pages();
-        let long = |page: &Page| page.rests.is_some_and(|since| now.saturating_duration_since(since) >= self.patience);
-        let Some(page) = pages.all.iter_mut().filter(|page| long(page)).min_by_key(|page| page.rests) else {
+        let long = |page: &Page| {
+            page.inactive_since.is_some_and(|since| now.saturating_duration_since(since) >= self.patience)
+        };
+        let Some(page) = pages.all.iter_mut().filter(|page| long(page)).min_by_key(|page| page.inactive_since) else {
             return false;
         };
-        page.rests = None;
-        page.sent_away.notify_one();
+        page.inactive_since = None;
+        page.evicted.notify_one();
         true
     }
 
@@ -96,28 +98,28 @@ impl ViewerSlots {
     }
 }
 
-impl Place {
+impl ViewerSlot {
     /// Records whether the page is inactive from now on.
-    pub(super) fn rests(&self, whether: bool) {
-        self.rests_from(whether, Instant::now());
+    pub(super) fn set_inactive(&self, whether: bool) {
+        self.set_inactive_from(whether, Instant::now());
     }
 
-    fn rests_from(&self, whether: bool, now: Instant) {
-        let mut pages = self.places.pages();
+    fn set_inactive_from(&self, whether: bool, now: Instant) {
+        let mut pages = self.slots.pages();
         if let Some(own) = pages.all.iter_mut().find(|page| page.number == self.number) {
-            own.rests = whether.then(|| own.rests.unwrap_or(now));
+            own.inactive_since = whether.then(|| own.inactive_since.unwrap_or(now));
         }
     }
 
     /// Waits until this page is replaced.
-    pub(super) async fn sent_away(&self) {
-        self.sent_away.notified().await;
+    pub(super) async fn evicted(&self) {
+        self.evicted.notified().await;
     }
 }
 
-impl Drop for Place {
+impl Drop for ViewerSlot {
     fn drop(&mut self) {
-        self.places.pages().all.retain(|page| page.number != self.number);
+        self.slots.pages().all.retain(|page| page.number != self.number);
     }
 }
 
@@ -129,43 +131,43 @@ mod tests {
     fn full_slots_replace_longest_inactive_page_only() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
         runtime.block_on(async {
-            let places = Arc::new(ViewerSlots::new(PATIENCE));
+            let slots = Arc::new(ViewerSlots::new(PATIENCE));
             let mut held = Vec::new();
             for _ in 0..PAGES {
-                held.push(places.enter().await.unwrap().0);
+                held.push(slots.enter().await.unwrap().0);
             }
-            assert!(places.enter().await.is_none(), "all are taken");
+            assert!(slots.enter().await.is_none(), "all are taken");
             let begun = Instant::now();
             let after = |s| begun + Duration::from_secs(s);
-            held[2].rests_from(true, after(1));
-            held[5].rests_from(true, after(0));
-            held[5].rests_from(true, after(300));
-            held[6].rests_from(true, begun);
-            held[6].rests_from(false, after(5));
-            assert!(!places.sends_away(after(599)));
-            assert!(places.sends_away(after(600)), "it has rested since it began to");
-            let is_sent = async |place: &Place| timeout(Duration::from_millis(1), place.sent_away()).await.is_ok();
+            held[2].set_inactive_from(true, after(1));
+            held[5].set_inactive_from(true, after(0));
+            held[5].set_inactive_from(true, after(300));
+            held[6].set_inactive_from(true, begun);
+            held[6].set_inactive_from(false, after(5));
+            assert!(!slots.evicts(after(599)));
+            assert!(slots.evicts(after(600)), "it has rested since it began to");
+            let is_sent = async |slot: &ViewerSlot| timeout(Duration::from_millis(1), slot.evicted()).await.is_ok();
             assert!(is_sent(&held[5]).await && !is_sent(&held[2]).await && !is_sent(&held[6]).await);
-            assert!(!places.sends_away(after(600)), "nobody is sent away twice");
-            assert!(places.sends_away(after(601)) && is_sent(&held[2]).await);
-            assert!(!places.sends_away(after(9999)), "the others look, or steer");
+            assert!(!slots.evicts(after(600)), "nobody is sent away twice");
+            assert!(slots.evicts(after(601)) && is_sent(&held[2]).await);
+            assert!(!slots.evicts(after(9999)), "the others look, or steer");
             // A replaced page frees its slot for the waiting one; a page that does not leave
             // keeps its slot.
-            let places = Arc::new(ViewerSlots::new(Duration::ZERO));
+            let slots = Arc::new(ViewerSlots::new(Duration::ZERO));
             let mut held = Vec::new();
             for _ in 0..PAGES {
-                held.push(places.enter().await.unwrap().0);
+                held.push(slots.enter().await.unwrap().0);
             }
-            held[0].rests(true);
-            assert!(places.enter().await.is_none());
+            held[0].set_inactive(true);
+            assert!(slots.enter().await.is_none());
             let leaving = held.remove(0);
-            leaving.rests(true);
+            leaving.set_inactive(true);
             let leaves = async {
-                leaving.sent_away().await;
+                leaving.evicted().await;
                 drop(leaving);
             };
-            let (entered, ()) = tokio::join!(places.enter(), leaves);
-            assert!(entered.is_some_and(|(_, gave_way)| gave_way));
+            let (entered, ()) = tokio::join!(slots.enter(), leaves);
+            assert!(entered.is_some_and(|(_, has_evicted)| has_evicted));
         });
     }
 }

@@ -13,17 +13,16 @@ use drivers::openigtlink::{
 
 use pipeline::command::Command;
 
-use super::IgtlError;
 use super::client::Client;
-use super::commands;
-use super::encode;
+use super::error::IgtlError;
 use super::publish::nothing;
-use super::server::ServerState;
+use super::state::ServerState;
+use super::{commands, encode};
 
 /// Longest wait for a volume to save.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Interval of checks whether the volume has arrived.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL: Duration = Duration::from_millis(20);
 /// Prefixes of the number of a STRING command, and of its answer, as in PLUS.
 const COMMAND: &str = "CMD_";
 const ANSWER: &str = "ACK_";
@@ -66,7 +65,7 @@ enum Reply {
 
 impl ServerState {
     /// Handles a received message.
-    pub(super) fn hear(self: &Rc<Self>, client: &Rc<Client>, message: Message) {
+    pub(super) fn handle(self: &Rc<Self>, client: &Rc<Client>, message: Message) {
         client.version.set(message.version);
         let device = message.device;
         match message.content {
@@ -78,7 +77,7 @@ impl ServerState {
                         client.tools.set(Some((apart, Instant::now())));
                         true
                     }
-                    of => self.wish(client, of, true),
+                    of => self.set_subscription(client, of, true),
                 };
                 self.receipt(client, of, device, is_known);
             }
@@ -88,7 +87,7 @@ impl ServerState {
                         client.tools.set(None);
                         true
                     }
-                    of => self.wish(client, of, false),
+                    of => self.set_subscription(client, of, false),
                 };
                 self.receipt(client, of, device, is_known);
             }
@@ -106,24 +105,24 @@ impl ServerState {
         }
     }
 
-    fn wish(&self, client: &Client, of: Subject, wanted: bool) -> bool {
-        let mut wants = client.wants.get();
+    fn set_subscription(&self, client: &Client, of: Subject, is_on: bool) -> bool {
+        let mut subscriptions = client.subscriptions.get();
         let is_known = match of {
             of if of.is("IMAGE") => {
-                wants.images = wanted;
+                subscriptions.images = is_on;
                 true
             }
             of if of.is("TRANSFORM") => {
-                wants.transforms = wanted;
+                subscriptions.transforms = is_on;
                 true
             }
             of if of.is("POSITION") => {
-                client.positions.set(wanted);
+                client.positions.set(is_on);
                 true
             }
             _ => false,
         };
-        client.wants.set(wants);
+        client.subscriptions.set(subscriptions);
         self.count_watchers();
         is_known
     }
@@ -138,27 +137,27 @@ impl ServerState {
         match of {
             of if of.is("IMAGE") => self.get_image(client, device),
             of if of.is("TRANSFORM") => {
-                let mut shown = self.shown.borrow_mut();
-                let found = shown
+                let mut published = self.published.borrow_mut();
+                let found = published
                     .transforms
                     .iter_mut()
                     .find(|(name, _)| device == Fixed::EMPTY || encode::device(name) == device)
                     .and_then(|(_, both)| both.wire(client.version.get()).ok());
-                drop(shown);
+                drop(published);
                 match found {
                     Some(wire) => client.answer(wire),
                     None => self.send(client, answer(nothing("TRANSFORM"))),
                 }
             }
             of if of.is("POSITION") => {
-                let shown = self.shown.borrow();
-                let mut poses = shown.poses.iter();
+                let published = self.published.borrow();
+                let mut poses = published.poses.iter();
                 let found = poses.find(|(name, _)| device == Fixed::EMPTY || encode::device(name) == device);
                 let position = found.map(|(name, sample)| encode::position(name, sample));
                 self.send(client, position.unwrap_or_else(|| answer(nothing("POSITION"))));
             }
             of if of.is("TDATA") => {
-                let mut tools = encode::tools(self.shown.borrow().poses.iter());
+                let mut tools = encode::tools(self.published.borrow().poses.iter());
                 tools.device = device;
                 self.send(client, tools);
             }
@@ -169,7 +168,7 @@ impl ServerState {
             }
             of if of.is("STRING") => {
                 let sentence =
-                    self.shown.borrow().status.as_ref().map_or(String::new(), |(_, sentence)| sentence.clone());
+                    self.published.borrow().status.as_ref().map_or(String::new(), |(_, sentence)| sentence.clone());
                 self.send(client, answer(Content::Text(Text::new(&sentence))));
             }
             of if of.is("CAPABILITY") => {
@@ -187,13 +186,13 @@ impl ServerState {
     /// volume is exported anew.
     fn get_image(&self, client: &Client, device: Fixed<20>) {
         if device == Fixed::EMPTY || device.as_str().starts_with("Volume") {
-            client.asked.set(Some((Instant::now(), device)));
-            return self.hub.ask();
+            client.volume_request.set(Some((Instant::now(), device)));
+            return self.hub.request_volume();
         }
-        let mut shown = self.shown.borrow_mut();
-        let is_it = encode::device(&format!("Image_{}", shown.world)) == device;
-        let found = shown.slice.as_mut().filter(|_| is_it).and_then(|both| both.wire(client.version.get()).ok());
-        drop(shown);
+        let mut published = self.published.borrow_mut();
+        let is_it = encode::device(&format!("Image_{}", published.world)) == device;
+        let found = published.slice.as_mut().filter(|_| is_it).and_then(|both| both.wire(client.version.get()).ok());
+        drop(published);
         match found {
             Some(wire) => client.answer(wire),
             None => self.send(client, Message::new(device, encode::now(), nothing("IMAGE"))),
@@ -222,10 +221,10 @@ impl ServerState {
             Some(Command::Scan) => self.reply(client, reply, self.commands.start()),
             Some(Command::Stop) => self.reply(client, reply, Ok(self.commands.stop())),
             Some(Command::Save) => {
-                let (house, client) = (Rc::clone(self), Rc::clone(client));
+                let (state, client) = (Rc::clone(self), Rc::clone(client));
                 tokio::task::spawn_local(async move {
-                    let saved = house.save().await;
-                    house.reply(&client, reply, saved);
+                    let saved = state.save().await;
+                    state.reply(&client, reply, saved);
                 });
             }
             Some(command @ (Command::Freeze(_) | Command::Clear)) => {
@@ -239,19 +238,19 @@ impl ServerState {
     async fn save(&self) -> Result<String, IgtlError> {
         self.commands.folder()?;
         let before = self.hub.volumes.load(Ordering::Relaxed);
-        self.hub.ask();
-        let asked = Instant::now();
+        self.hub.request_volume();
+        let requested_at = Instant::now();
         while self.hub.volumes.load(Ordering::Relaxed) == before {
-            if asked.elapsed() > PATIENCE {
+            if requested_at.elapsed() > PATIENCE {
                 return Err(IgtlError::NoVolume);
             }
-            sleep(LOOK).await;
+            sleep(POLL).await;
         }
         // The volume was announced, and is available within one publishing interval.
-        sleep(LOOK).await;
+        sleep(POLL).await;
         let (world, snapshot) = {
-            let shown = self.shown.borrow();
-            (shown.world.clone(), shown.snapshot.clone())
+            let published = self.published.borrow();
+            (published.world.clone(), published.snapshot.clone())
         };
         let snapshot = snapshot.ok_or(IgtlError::NoVolume)?.map_err(IgtlError::Volume)?;
         let commands = Arc::clone(&self.commands);

@@ -1,32 +1,19 @@
-//! One client: answers its requests, and sends waiting messages as fast as the client receives
-//! them.
+//! A client: its requests, and the messages that wait for it.
 
 use std::cell::{Cell, RefCell};
-use std::io::ErrorKind;
-use std::rc::Rc;
 use std::time::Duration;
 
-use tokio::net::TcpStream;
-use tokio::sync::{Notify, watch};
-use tokio::time::{Instant, sleep_until};
+use tokio::sync::Notify;
+use tokio::time::Instant;
 
-use drivers::openigtlink::{Decoder, Event, Fixed, Limits, Version};
+use drivers::openigtlink::{Fixed, Version};
 
+use super::counts::Counts;
 use super::outbox::{Outbox, Wire};
-use super::server::{Counts, ServerState};
-
-/// A client that receives less than [`LEAST`] of a message in this time is disconnected.
-const STALL: Duration = Duration::from_secs(10);
-/// Bytes.
-const LEAST: usize = 16 << 10;
-/// Refused messages after which a client is disconnected.
-const REFUSED: u64 = 16;
-/// Size of the read buffer, bytes.
-const READ: usize = 4096;
 
 /// Messages that a client receives without request.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
+pub(super) struct Subscriptions {
     pub(super) images: bool,
     pub(super) transforms: bool,
 }
@@ -36,17 +23,17 @@ pub(super) struct Client {
     /// Whether it is on this machine.
     pub(super) is_local: bool,
     pub(super) version: Cell<Version>,
-    pub(super) wants: Cell<Wanted>,
+    pub(super) subscriptions: Cell<Subscriptions>,
     /// Whether it has requested POSITIONs.
     pub(super) positions: Cell<bool>,
     /// TDATA: smallest interval, and time of the next one.
     pub(super) tools: Cell<Option<(Duration, Instant)>>,
     /// Time and name of its request for a volume.
-    pub(super) asked: Cell<Option<(Instant, Fixed<20>)>>,
+    pub(super) volume_request: Cell<Option<(Instant, Fixed<20>)>>,
     outbox: RefCell<Outbox>,
-    more: Notify,
+    pub(super) more: Notify,
     /// Whether it requests more than it receives.
-    choked: Cell<bool>,
+    pub(super) choked: Cell<bool>,
 }
 
 impl Client {
@@ -54,10 +41,10 @@ impl Client {
         Self {
             is_local,
             version: Cell::new(Version::One),
-            wants: Cell::new(Wanted { images: true, transforms: true }),
+            subscriptions: Cell::new(Subscriptions { images: true, transforms: true }),
             positions: Cell::new(false),
             tools: Cell::new(None),
-            asked: Cell::new(None),
+            volume_request: Cell::new(None),
             outbox: RefCell::default(),
             more: Notify::new(),
             choked: Cell::new(false),
@@ -78,89 +65,8 @@ impl Client {
     }
 
     /// Queues a published message.
-    pub(super) fn show(&self, name: &str, wire: Wire, counts: &Counts) {
-        self.outbox.borrow_mut().show(name, wire, &counts.replaced);
+    pub(super) fn publish(&self, name: &str, wire: Wire, counts: &Counts) {
+        self.outbox.borrow_mut().publish(name, wire, &counts.replaced);
         self.more.notify_one();
-    }
-}
-
-/// Serves until the client leaves, is disconnected, or the server ends.
-pub(super) async fn serve(
-    house: &Rc<ServerState>,
-    client: &Rc<Client>,
-    stream: TcpStream,
-    mut stopped: watch::Receiver<()>,
-) {
-    // Poses are short and urgent; if the option is refused, they are delayed.
-    let _ = stream.set_nodelay(true);
-    let mut decoder = Decoder::new(Limits::SMALL);
-    let mut buffer = [0; READ];
-    let mut sending: Option<(Wire, usize)> = None;
-    let (mut since, mut taken) = (Instant::now(), 0);
-    let mut is_stopped = false;
-    loop {
-        if sending.is_none() {
-            sending = client.next().map(|wire| (wire, 0));
-            (since, taken) = (Instant::now(), 0);
-            if is_stopped && sending.is_none() {
-                return;
-            }
-        }
-        tokio::select! {
-            ready = stream.readable() => {
-                if ready.is_err() {
-                    return;
-                }
-                let read = match stream.try_read(&mut buffer) {
-                    Ok(0) => return,
-                    Ok(read) => read,
-                    Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => 0,
-                    Err(_) => return,
-                };
-                let mut events = Vec::new();
-                let outcome = decoder.feed(&buffer[..read], &mut |event| events.push(event));
-                for event in events {
-                    match event {
-                        Event::Message(message, _) => house.hear(client, *message),
-                        Event::Refused(why) => house.refuse(client, &why),
-                    }
-                }
-                if let Err(why) = outcome {
-                    tracing::debug!("an OpenIGTLink client sent invalid data: {why}");
-                    return Counts::add(&house.counts.nonsense);
-                }
-                if decoder.refused() > REFUSED {
-                    return Counts::add(&house.counts.nonsense);
-                }
-            }
-            ready = stream.writable(), if sending.is_some() => {
-                let Some((wire, at)) = &mut sending else { continue };
-                if ready.is_err() {
-                    return;
-                }
-                match stream.try_write(&wire[*at..]) {
-                    Ok(written) => {
-                        *at += written;
-                        taken += written;
-                        if *at == wire.len() {
-                            sending = None;
-                        }
-                    }
-                    Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                    Err(_) => return,
-                }
-            }
-            () = client.more.notified(), if sending.is_none() => {}
-            () = sleep_until(since + STALL), if sending.is_some() => {
-                if taken < LEAST {
-                    return Counts::add(&house.counts.cut_off);
-                }
-                (since, taken) = (Instant::now(), 0);
-            }
-            _ = stopped.changed(), if !is_stopped => is_stopped = true,
-        }
-        if client.choked.get() {
-            return Counts::add(&house.counts.cut_off);
-        }
     }
 }

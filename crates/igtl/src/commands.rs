@@ -13,7 +13,7 @@ use pipeline::command::Command;
 use pipeline::control::{SessionController, keep};
 use pipeline::live::Snapshot;
 
-use super::IgtlError;
+use super::error::IgtlError;
 
 /// The commands that clients can send, by their names.
 const NAMES: [(&str, Command); 6] = [

@@ -96,7 +96,7 @@ pub(super) fn slice(world: &str, item: u64, slice: &Slice) -> Message {
     let size = [slice.image.width(), slice.image.height()].map(|n| u16::try_from(n).unwrap_or(0));
     let image = Image::whole([size[0], size[1], 1], (pixel, 1), pixels, &rows(&place), Coordinates::Ras);
     let mut message = Message::new(device(&format!("Image_{world}")), stamp(slice.time_ns), Content::Image(image));
-    message.metadata = told(world);
+    message.metadata = metadata(world);
     message.metadata.push(Datum::new("FrameNumber", &item.to_string()));
     message
 }
@@ -148,12 +148,12 @@ pub(super) fn volume(world: &str, snapshot: &Snapshot) -> Message {
     let bytes = Arc::clone(&snapshot.bytes);
     let image = Image::whole(size, (snapshot.scalar.pixel(), 1), bytes, &rows(&place), Coordinates::Ras);
     let mut message = Message::new(device(&format!("Volume_{world}")), now(), Content::Image(image));
-    message.metadata = told(world);
+    message.metadata = metadata(world);
     message.metadata.push(Datum::new("Slices", &snapshot.slices.to_string()));
     message
 }
 
-fn told(world: &str) -> Vec<Datum> {
+fn metadata(world: &str) -> Vec<Datum> {
     vec![
         Datum::new("Frame", &format!("{world} (mm, not anatomical)")),
         Datum::new("SonoweaveVersion", env!("CARGO_PKG_VERSION")),

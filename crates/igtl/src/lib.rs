@@ -29,21 +29,25 @@
 mod answer;
 mod client;
 pub mod commands;
+mod connection;
+mod counts;
 mod encode;
 mod error;
 mod hub;
 mod outbox;
 mod publish;
 mod server;
+mod state;
 #[cfg(test)]
 mod tests;
 
 use std::time::Duration;
 
 pub use commands::Commands;
+pub use counts::Counts;
 pub use error::IgtlError;
 pub use hub::Hub;
-pub use server::{Counts, Server};
+pub use server::Server;
 
 /// Shortest interval of volumes sent without request.
 pub const VOLUME_EVERY: Duration = Duration::from_secs(2);

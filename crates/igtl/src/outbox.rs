@@ -33,7 +33,7 @@ impl Outbox {
 
     /// Queues a published message. It replaces an unsent one of the same name; replacements are
     /// counted.
-    pub(super) fn show(&mut self, name: &str, wire: Wire, replaced: &AtomicU64) {
+    pub(super) fn publish(&mut self, name: &str, wire: Wire, replaced: &AtomicU64) {
         match self.newest.get_mut(name) {
             Some(waiting) => {
                 *waiting = wire;
@@ -63,8 +63,8 @@ mod tests {
     fn newest_message_replaces_waiting_one_in_turn() {
         let (mut outbox, replaced) = (Outbox::default(), AtomicU64::new(0));
         for n in 0..10_u8 {
-            outbox.show("IMAGE", [n].into(), &replaced);
-            outbox.show("PROBE", [100 + n].into(), &replaced);
+            outbox.publish("IMAGE", [n].into(), &replaced);
+            outbox.publish("PROBE", [100 + n].into(), &replaced);
         }
         assert!(outbox.answer([7].into()));
         assert_eq!(replaced.load(Ordering::Relaxed), 18);

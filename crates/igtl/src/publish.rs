@@ -1,18 +1,15 @@
 //! Publishes pending changes to all clients that want them.
 
-use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::time::Duration;
 
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 use drivers::openigtlink::{Content, Fixed, Message, Status};
-use pipeline::live::Snapshot;
-use sync::history::PoseSample;
 
 use super::client::Client;
 use super::encode::{self, Both};
-use super::server::ServerState;
+use super::state::{LastPublished, ServerState};
 use super::{POSES_HZ, STATUS_EVERY};
 
 /// Longest wait for a requested volume; then the client learns that there is none.
@@ -20,22 +17,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Publishing interval.
 const TURN: Duration = Duration::from_millis(10);
 
-/// The messages published last, for requests.
-#[derive(Default)]
-pub(super) struct Shown {
-    pub(super) world: String,
-    pub(super) slice: Option<Both>,
-    pub(super) volume: Option<Both>,
-    pub(super) snapshot: Option<Result<Snapshot, String>>,
-    pub(super) transforms: BTreeMap<String, Both>,
-    pub(super) poses: BTreeMap<String, PoseSample>,
-    pub(super) status: Option<(u16, String)>,
-    /// Time at which a transform of a name may be sent again.
-    due: BTreeMap<String, Instant>,
-}
-
 /// Publishes changes until the server ends.
-pub(super) async fn run(house: Rc<ServerState>) {
+pub(super) async fn run(state: Rc<ServerState>) {
     let mut status = interval(STATUS_EVERY);
     let mut turn = interval(TURN);
     turn.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -45,13 +28,13 @@ pub(super) async fn run(house: Rc<ServerState>) {
             // Limits the rate, however often changes arrive.
             _ = turn.tick(), if is_new => {
                 is_new = false;
-                house.publish();
+                state.publish();
             }
-            () = house.hub.told.notified() => is_new = true,
+            () = state.hub.changed.notified() => is_new = true,
             _ = status.tick() => {
-                house.publish();
-                house.show_all(|_| true, &mut Both::new(house.status()));
-                house.give_up();
+                state.publish();
+                state.publish_to(|_| true, &mut Both::new(state.status()));
+                state.give_up();
             }
         }
     }
@@ -59,82 +42,85 @@ pub(super) async fn run(house: Rc<ServerState>) {
 
 impl ServerState {
     /// Sends to all clients concerned; a message that cannot be encoded is sent to none.
-    fn show_all(&self, concerns: impl Fn(&Client) -> bool, both: &mut Both) {
+    fn publish_to(&self, concerns: impl Fn(&Client) -> bool, both: &mut Both) {
         let name = both.name();
         for client in self.clients.borrow().iter().filter(|client| concerns(client)) {
             match both.wire(client.version.get()) {
-                Ok(wire) => client.show(&name, wire, &self.counts),
+                Ok(wire) => client.publish(&name, wire, &self.counts),
                 Err(why) => return tracing::debug!("{name}: {why}"),
             }
         }
     }
 
     fn publish(&self) {
-        let taken = self.hub.take();
+        let taken = self.hub.take_pending();
         let now = Instant::now();
-        let mut shown = self.shown.borrow_mut();
+        let mut published = self.published.borrow_mut();
         if taken.status.is_some() {
-            shown.status = taken.status;
+            published.status = taken.status;
         }
         for (name, (sample, is_new)) in taken.poses {
             if !is_new {
                 continue;
             }
-            if shown.due.get(&name).is_none_or(|due| *due <= now) {
-                shown.due.insert(name.clone(), now + Duration::from_secs(1) / POSES_HZ);
+            if published.due.get(&name).is_none_or(|due| *due <= now) {
+                published.due.insert(name.clone(), now + Duration::from_secs(1) / POSES_HZ);
                 let mut both = Both::new(encode::pose(&name, &sample));
-                self.show_all(|client| client.wants.get().transforms, &mut both);
-                shown.transforms.insert(name.clone(), both);
-                self.show_all(|client| client.positions.get(), &mut Both::new(encode::position(&name, &sample)));
+                self.publish_to(|client| client.subscriptions.get().transforms, &mut both);
+                published.transforms.insert(name.clone(), both);
+                self.publish_to(|client| client.positions.get(), &mut Both::new(encode::position(&name, &sample)));
             }
-            shown.poses.insert(name, sample);
+            published.poses.insert(name, sample);
         }
-        if !shown.poses.is_empty() {
-            let mut tools = Both::new(encode::tools(shown.poses.iter()));
+        if !published.poses.is_empty() {
+            let mut tools = Both::new(encode::tools(published.poses.iter()));
             let is_due = |client: &Client| client.tools.get().is_some_and(|(_, due)| due <= now);
-            self.show_all(is_due, &mut tools);
+            self.publish_to(is_due, &mut tools);
             for client in self.clients.borrow().iter().filter(|client| is_due(client)) {
                 client.tools.set(client.tools.get().map(|(apart, _)| (apart, now + apart)));
             }
         }
         if let Some((item, slice)) = taken.slice {
             let mut both = Both::new(encode::slice(&taken.world, item, &slice));
-            self.show_all(|client| client.wants.get().images, &mut both);
-            shown.slice = Some(both);
+            self.publish_to(|client| client.subscriptions.get().images, &mut both);
+            published.slice = Some(both);
             let mut both = Both::new(encode::image_to(&taken.world, &slice));
-            self.show_all(|client| client.wants.get().transforms, &mut both);
+            self.publish_to(|client| client.subscriptions.get().transforms, &mut both);
             let name = sonoweave_core::reading::transform_name("Image", &taken.world);
-            shown.transforms.insert(name, both);
+            published.transforms.insert(name, both);
         }
         if !taken.world.is_empty() {
-            shown.world = taken.world;
+            published.world = taken.world;
         }
         match taken.volume {
             None => {}
             Some(Ok(snapshot)) => {
-                let mut both = Both::new(encode::volume(&shown.world, &snapshot));
-                self.show_all(|client| client.wants.get().images || client.asked.get().is_some(), &mut both);
-                self.clients.borrow().iter().for_each(|client| client.asked.set(None));
-                (shown.volume, shown.snapshot) = (Some(both), Some(Ok(snapshot)));
+                let mut both = Both::new(encode::volume(&published.world, &snapshot));
+                self.publish_to(
+                    |client| client.subscriptions.get().images || client.volume_request.get().is_some(),
+                    &mut both,
+                );
+                self.clients.borrow().iter().for_each(|client| client.volume_request.set(None));
+                (published.volume, published.snapshot) = (Some(both), Some(Ok(snapshot)));
             }
             Some(Err(why)) => {
-                shown.snapshot = Some(Err(why));
-                drop(shown);
+                published.snapshot = Some(Err(why));
+                drop(published);
                 self.none_to(|_| true);
             }
         }
     }
 
-    /// Tells clients that have waited too long for a volume that there is none.
+    /// Answers clients that have waited too long for a volume: there is none.
     fn give_up(&self) {
         self.none_to(|since| since.elapsed() > PATIENCE);
     }
 
     fn none_to(&self, overdue: impl Fn(Instant) -> bool) {
         for client in self.clients.borrow().iter() {
-            let Some((since, name)) = client.asked.get() else { continue };
+            let Some((since, name)) = client.volume_request.get() else { continue };
             if overdue(since) {
-                client.asked.set(None);
+                client.volume_request.set(None);
                 self.send(client, Message::new(name, encode::now(), nothing("IMAGE")));
             }
         }
@@ -142,7 +128,7 @@ impl ServerState {
 
     /// Returns the last status as a message.
     pub(super) fn status(&self) -> Message {
-        match &self.shown.borrow().status {
+        match &self.published.borrow().status {
             Some((code, sentence)) => encode::status(*code, sentence),
             None => encode::status(Status::NOT_READY, "the session has not begun"),
         }
@@ -151,12 +137,12 @@ impl ServerState {
     /// Sends the status and the last messages to a new client.
     pub(super) fn welcome(&self, client: &Rc<Client>) {
         self.send(client, self.status());
-        let mut shown = self.shown.borrow_mut();
-        let Shown { slice, volume, transforms, .. } = &mut *shown;
+        let mut published = self.published.borrow_mut();
+        let LastPublished { slice, volume, transforms, .. } = &mut *published;
         for both in transforms.values_mut().chain(slice).chain(volume) {
             let name = both.name();
             if let Ok(wire) = both.wire(client.version.get()) {
-                client.show(&name, wire, &self.counts);
+                client.publish(&name, wire, &self.counts);
             }
         }
     }

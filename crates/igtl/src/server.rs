@@ -1,80 +1,35 @@
 //! The socket, and the thread that serves all clients.
 
 use std::cell::RefCell;
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::sync::watch;
 use tokio::task::LocalSet;
 
-use super::IgtlError;
-use super::client::{self, Client};
+use listener::{Bound, Connections, ServerThread};
+
+use super::client::Client;
 use super::commands::Commands;
+use super::counts::Counts;
+use super::error::IgtlError;
 use super::hub::Hub;
-use super::publish::{self, Shown};
+use super::state::ServerState;
+use super::{connection, publish};
 
 /// Largest number of clients; further ones are refused at once.
 const CLIENTS: usize = 32;
-/// Pause after an accept error, for example when no more files may be opened.
-const PAUSE: Duration = Duration::from_millis(200);
 /// Time for which the last messages are awaited at the end.
 const LEAVING: Duration = Duration::from_millis(500);
-
-/// Counters of clients and messages.
-#[derive(Debug, Default)]
-pub struct Counts {
-    /// Clients served.
-    pub served: AtomicU64,
-    /// Connections refused because all slots were taken.
-    pub turned_away: AtomicU64,
-    /// Clients disconnected because they received too little or too slowly.
-    pub cut_off: AtomicU64,
-    /// Clients disconnected because they did not send OpenIGTLink.
-    pub nonsense: AtomicU64,
-    /// Messages replaced by newer ones before they were sent.
-    pub replaced: AtomicU64,
-}
-
-impl Counts {
-    pub(super) fn add(count: &AtomicU64) {
-        count.fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// Returns the counts in words, if there were any clients.
-    pub fn sentence(&self) -> Option<String> {
-        let [served, away, cut, nonsense, replaced] =
-            [&self.served, &self.turned_away, &self.cut_off, &self.nonsense, &self.replaced]
-                .map(|count| count.load(Ordering::Relaxed));
-        (served + away > 0).then(|| {
-            format!(
-                "OpenIGTLink: {served} clients, {away} refused, {cut} disconnected as too slow, {nonsense} for invalid \
-                data; {replaced} messages were replaced by newer ones before they were sent"
-            )
-        })
-    }
-}
-
-/// State shared by the thread's tasks.
-pub(super) struct ServerState {
-    pub(super) hub: Arc<Hub>,
-    pub(super) commands: Arc<Commands>,
-    pub(super) counts: Arc<Counts>,
-    pub(super) clients: RefCell<Vec<Rc<Client>>>,
-    pub(super) shown: RefCell<Shown>,
-}
+/// Time for which a running save is awaited at the end.
+const SAVING: Duration = Duration::from_secs(10);
 
 /// A listening server. Dropping it stops it.
 #[derive(Debug)]
 pub struct Server {
-    address: SocketAddr,
+    thread: ServerThread,
     counts: Arc<Counts>,
-    /// Dropping it ends the thread.
-    stop: Option<watch::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Server {
@@ -83,39 +38,21 @@ impl Server {
     /// # Errors
     /// [`IgtlError`] if the address is taken or no thread can be started.
     pub fn new(address: SocketAddr, hub: Arc<Hub>, commands: Arc<Commands>) -> Result<Self, IgtlError> {
-        let taken = |source| IgtlError::Taken { address, source };
-        let listener = TcpListener::bind(address).map_err(taken)?;
-        listener.set_nonblocking(true).map_err(taken)?;
-        let address = listener.local_addr().map_err(taken)?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(IgtlError::Thread)?;
-        let (stop, stopped) = watch::channel(());
+        let bound = Bound::new(address).map_err(|source| IgtlError::Taken { address, source })?;
         let counts = Arc::new(Counts::default());
-        let told = Arc::clone(&counts);
-        let serve = move || {
-            let house = Rc::new(ServerState {
-                hub,
-                commands,
-                counts: told,
-                clients: RefCell::default(),
-                shown: RefCell::default(),
-            });
-            let tasks = LocalSet::new();
-            tasks.block_on(&runtime, async move {
-                match tokio::net::TcpListener::from_std(listener) {
-                    Ok(listener) => accept(&listener, house, stopped).await,
-                    Err(error) => tracing::error!("OpenIGTLink is not served: {error}"),
-                }
-            });
-            // Lets a running save finish.
-            runtime.shutdown_timeout(Duration::from_secs(10));
-        };
-        let thread = std::thread::Builder::new().name("igtl".into()).spawn(serve).map_err(IgtlError::Thread)?;
-        Ok(Self { address, counts, stop: Some(stop), thread: Some(thread) })
+        let counted = Arc::clone(&counts);
+        let serve = bound.start("igtl", move |runtime, connections| {
+            let (clients, published) = (RefCell::default(), RefCell::default());
+            let state = Rc::new(ServerState { hub, commands, counts: counted, clients, published });
+            LocalSet::new().block_on(&runtime, accept(connections, state));
+            runtime.shutdown_timeout(SAVING);
+        });
+        Ok(Self { thread: serve.map_err(IgtlError::Thread)?, counts })
     }
 
     /// Returns the address: as requested, with the free port chosen for port 0.
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.thread.address()
     }
 
     /// Returns the counters.
@@ -124,44 +61,22 @@ impl Server {
     }
 }
 
-impl Drop for Server {
-    fn drop(&mut self) {
-        drop(self.stop.take());
-        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
-            tracing::error!("the thread of OpenIGTLink has panicked");
-        }
-    }
-}
-
-/// Accepts connections until `stopped` changes or its sender is gone.
-async fn accept(listener: &tokio::net::TcpListener, house: Rc<ServerState>, mut stopped: watch::Receiver<()>) {
-    let publishing = tokio::task::spawn_local(publish::run(Rc::clone(&house)));
+/// Accepts clients until the server ends.
+async fn accept(mut connections: Connections, state: Rc<ServerState>) {
+    let publishing = tokio::task::spawn_local(publish::run(Rc::clone(&state)));
     let mut serving = tokio::task::JoinSet::new();
-    loop {
-        let accepted = tokio::select! {
-            _ = stopped.changed() => break,
-            Some(_) = serving.join_next() => continue,
-            accepted = listener.accept() => accepted,
-        };
-        let (stream, peer) = match accepted {
-            Ok(accepted) => accepted,
-            Err(error) => {
-                tracing::warn!("an OpenIGTLink client could not be accepted: {error}");
-                tokio::time::sleep(PAUSE).await;
-                continue;
-            }
-        };
-        if house.clients.borrow().len() >= CLIENTS {
-            Counts::add(&house.counts.turned_away);
+    while let Some((stream, peer)) = connections.next(&mut serving).await {
+        if state.clients.borrow().len() >= CLIENTS {
+            Counts::add(&state.counts.turned_away);
             continue;
         }
-        Counts::add(&house.counts.served);
+        Counts::add(&state.counts.served);
         let client = Rc::new(Client::new(peer.ip().to_canonical().is_loopback()));
-        house.join(&client);
-        let (house, stopped) = (Rc::clone(&house), stopped.clone());
+        state.join(&client);
+        let (state, stopped) = (Rc::clone(&state), connections.stopped());
         serving.spawn_local(async move {
-            client::serve(&house, &client, stream, stopped).await;
-            house.leave(&client);
+            connection::serve(&state, &client, stream, stopped).await;
+            state.leave(&client);
         });
     }
     publishing.abort();
@@ -178,11 +93,5 @@ impl ServerState {
     fn leave(&self, client: &Rc<Client>) {
         self.clients.borrow_mut().retain(|other| !Rc::ptr_eq(other, client));
         self.count_watchers();
-    }
-
-    /// Counts the clients that want volumes, since only they cause volumes to be made.
-    pub(super) fn count_watchers(&self) {
-        let watchers = self.clients.borrow().iter().filter(|client| client.wants.get().images).count();
-        self.hub.watchers.store(watchers, Ordering::Relaxed);
     }
 }

@@ -48,7 +48,7 @@ fn bench() -> Bench {
 struct Peer {
     stream: TcpStream,
     decoder: Decoder,
-    heard: Vec<Message>,
+    received: Vec<Message>,
 }
 
 fn fixed<const N: usize>(name: &str) -> Fixed<N> {
@@ -59,16 +59,16 @@ impl Peer {
     fn at(address: SocketAddr) -> Self {
         let stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
-        Self { stream, decoder: Decoder::new(Limits::default()), heard: Vec::new() }
+        Self { stream, decoder: Decoder::new(Limits::default()), received: Vec::new() }
     }
 
-    fn say(&mut self, device: &str, version: Version, content: Content) {
+    fn send_content(&mut self, device: &str, version: Version, content: Content) {
         let message = Message { version, ..Message::new(fixed(device), TimeStamp::default(), content) };
         self.stream.write_all(&message.bytes().unwrap()).unwrap();
     }
 
     fn get(&mut self, kind: &str, device: &str) {
-        self.say(device, Version::One, Content::Get(Subject::of(kind)));
+        self.send_content(device, Version::One, Content::Get(Subject::of(kind)));
     }
 
     /// Reads until a message fulfils the condition; forgets earlier ones.
@@ -76,17 +76,17 @@ impl Peer {
         let begun = Instant::now();
         let mut buffer = vec![0; 1 << 16];
         loop {
-            if let Some(at) = self.heard.iter().position(&is) {
-                let mut until = self.heard.drain(..=at);
+            if let Some(at) = self.received.iter().position(&is) {
+                let mut until = self.received.drain(..=at);
                 return until.next_back().unwrap();
             }
             assert!(begun.elapsed() < Duration::from_secs(20), "{what} was not heard");
             let Ok(read) = self.stream.read(&mut buffer) else { continue };
             assert!(read > 0, "cut off before {what}");
-            let heard = &mut self.heard;
+            let received = &mut self.received;
             self.decoder
                 .feed(&buffer[..read], &mut |event| match event {
-                    Event::Message(message, _) => heard.push(*message),
+                    Event::Message(message, _) => received.push(*message),
                     Event::Refused(why) => panic!("{why}"),
                 })
                 .unwrap();
@@ -153,12 +153,12 @@ fn snapshot(size: [u64; 3], slices: u64) -> Snapshot {
 }
 
 /// Checks the world position of an image index.
-fn assert_at(image: &Image, index: [f64; 3], wanted: DVec3) {
+fn assert_at(image: &Image, index: [f64; 3], expected: DVec3) {
     let p = image.place();
     let at =
         |row: usize| p[4 * row] * index[0] + p[4 * row + 1] * index[1] + p[4 * row + 2] * index[2] + p[4 * row + 3];
     let found = DVec3::new(at(0), at(1), at(2));
-    assert!((found - wanted).length() < 1e-4, "{found} for {wanted}");
+    assert!((found - expected).length() < 1e-4, "{found} for {expected}");
 }
 
 #[test]
@@ -193,17 +193,17 @@ fn slices_and_sensors_are_sent_with_pose_and_time() {
     let mut late = Peer::at(bench.server.address());
     let Content::Transform(matrix) = late.named("TRANSFORM", "ProbeToTracker").content else { panic!() };
     assert_eq!(matrix.rows()[3], 1.0);
-    late.say("", Version::Two, Content::Get(Subject::of("STATUS")));
+    late.send_content("", Version::Two, Content::Get(Subject::of("STATUS")));
     late.named("STATUS", "");
     bench.hub.slice("Reference", 42, &slice(8));
-    let told = late.named("IMAGE", "Image_Reference");
-    assert_eq!(told.metadatum("FrameNumber").as_deref(), Some("42"));
-    assert_eq!(told.metadatum("Frame").as_deref(), Some("Reference (mm, not anatomical)"));
+    let reported = late.named("IMAGE", "Image_Reference");
+    assert_eq!(reported.metadatum("FrameNumber").as_deref(), Some("42"));
+    assert_eq!(reported.metadatum("Frame").as_deref(), Some("Reference (mm, not anatomical)"));
     let doubtful = PoseSample { invalid: Some("INVALID".into()), ..sample(5.0) };
     std::thread::sleep(Duration::from_millis(50));
     bench.hub.pose(["Probe", "Tracker"], &doubtful);
-    let told = late.until("a doubtful pose", |m| m.metadatum("Status").as_deref() == Some("INVALID"));
-    assert_eq!(told.device, fixed("ProbeToTracker"));
+    let reported = late.until("a doubtful pose", |m| m.metadatum("Status").as_deref() == Some("INVALID"));
+    assert_eq!(reported.device, fixed("ProbeToTracker"));
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn requests_are_answered_under_requested_name() {
     assert!(matches!(peer.named("TRANSFORM", "ProbeToTracker").content, Content::Nothing(_)));
     peer.get("IMAGE", "Image_Reference");
     assert!(matches!(peer.named("IMAGE", "Image_Reference").content, Content::Nothing(_)));
-    bench.hub.tell(true, "12 slices of 13 frames");
+    bench.hub.set_status(true, "12 slices of 13 frames");
     bench.hub.slice("Reference", 0, &slice(1));
     peer.image("Image_Reference");
     peer.get("IMAGE", "Image_Reference");
@@ -229,7 +229,7 @@ fn requests_are_answered_under_requested_name() {
     assert_eq!(text.as_text(), "12 slices of 13 frames");
     // TDATA at the requested rate.
     let of = Subject::of("TDATA");
-    peer.say("T", Version::One, Content::Start(of, Some(Pace { interval_ms: 100, frame: fixed("") })));
+    peer.send_content("T", Version::One, Content::Start(of, Some(Pace { interval_ms: 100, frame: fixed("") })));
     assert_eq!(peer.named("RTS_TDATA", "T").content, Content::Receipt(of, 0));
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(550) {
@@ -237,7 +237,7 @@ fn requests_are_answered_under_requested_name() {
         bench.hub.pose(["Reference", "Tracker"], &sample(2.0));
         std::thread::sleep(Duration::from_millis(2));
     }
-    peer.say("T", Version::One, Content::Stop(of));
+    peer.send_content("T", Version::One, Content::Stop(of));
     peer.until("the receipt", |message| {
         message.content.kind() == *"TDATA" || message.content == Content::Receipt(of, 0)
     });
@@ -247,7 +247,7 @@ fn requests_are_answered_under_requested_name() {
         tools.iter().map(|tool| tool.name.as_str()).collect::<Vec<_>>(),
         ["ProbeToTracker", "ReferenceToTracker"]
     );
-    peer.say("P", Version::One, Content::Start(Subject::of("POSITION"), None));
+    peer.send_content("P", Version::One, Content::Start(Subject::of("POSITION"), None));
     peer.named("RTS_POSITION", "P");
     std::thread::sleep(Duration::from_millis(50));
     bench.hub.pose(["Probe", "Tracker"], &sample(4.0));
@@ -257,9 +257,9 @@ fn requests_are_answered_under_requested_name() {
     peer.get("POSITION", "StylusToTracker");
     assert!(matches!(peer.named("POSITION", "StylusToTracker").content, Content::Nothing(_)));
     // No images after STP_IMAGE; unknown types are reported.
-    peer.say("", Version::One, Content::Stop(Subject::of("IMAGE")));
+    peer.send_content("", Version::One, Content::Stop(Subject::of("IMAGE")));
     assert_eq!(peer.named("RTS_IMAGE", "").content, Content::Receipt(Subject::of("IMAGE"), 0));
-    peer.say("", Version::One, Content::Start(Subject::of("POINT"), None));
+    peer.send_content("", Version::One, Content::Start(Subject::of("POINT"), None));
     assert_eq!(peer.named("RTS_POINT", "").content, Content::Receipt(Subject::of("POINT"), 1));
     peer.get("POINT", "");
     let complaint = peer
@@ -279,7 +279,7 @@ fn tdata_rate_stays_below_requested() {
     let bench = bench();
     let mut peer = Peer::at(bench.server.address());
     let pace = Pace { interval_ms: 100, frame: fixed("") };
-    peer.say("", Version::One, Content::Start(Subject::of("TDATA"), Some(pace)));
+    peer.send_content("", Version::One, Content::Start(Subject::of("TDATA"), Some(pace)));
     peer.named("RTS_TDATA", "");
     let begun = Instant::now();
     let mut times = Vec::new();
@@ -304,9 +304,9 @@ fn tdata_rate_stays_below_requested() {
 /// Starts a thread that makes volumes in place of the session, until it is told to end.
 fn making(hub: &Arc<Hub>, size: [u64; 3]) -> (Arc<AtomicBool>, Arc<Mutex<u64>>, std::thread::JoinHandle<()>) {
     let (ends, made) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(0)));
-    let (hub, told, count) = (Arc::clone(hub), Arc::clone(&ends), Arc::clone(&made));
+    let (hub, reported, count) = (Arc::clone(hub), Arc::clone(&ends), Arc::clone(&made));
     let thread = std::thread::spawn(move || {
-        while !told.load(Ordering::Relaxed) {
+        while !reported.load(Ordering::Relaxed) {
             // The volume counts as changed each time.
             if hub.wants() != Wants::Nothing {
                 let mut made = count.lock().unwrap();
@@ -329,19 +329,19 @@ fn volume_is_sent_on_request_and_pushed_at_limited_rate() {
     let begun = Instant::now();
     let mut peer = Peer::at(bench.server.address());
     let image = peer.image("Volume_Reference");
-    let wanted = snapshot([5, 4, 3], 1);
-    assert_eq!((image.size, &*image.pixels), ([5, 4, 3], &*wanted.bytes));
-    let grid = wanted.space.grid;
+    let expected = snapshot([5, 4, 3], 1);
+    assert_eq!((image.size, &*image.pixels), ([5, 4, 3], &*expected.bytes));
+    let grid = expected.space.grid;
     for index in [[0.0; 3], [4.0, 0.0, 0.0], [4.0, 3.0, 2.0]] {
         assert_at(&image, index, grid.origin + grid.direction * (grid.spacing * DVec3::from_array(index)));
     }
     peer.image("Volume_Reference");
     assert!(begun.elapsed() >= VOLUME_EVERY, "{:?}", begun.elapsed());
     // A requested volume arrives at once.
-    let asked = Instant::now();
+    let begun = Instant::now();
     peer.get("IMAGE", "Volume_Reference");
     peer.image("Volume_Reference");
-    assert!(asked.elapsed() < VOLUME_EVERY / 2, "{:?}", asked.elapsed());
+    assert!(begun.elapsed() < VOLUME_EVERY / 2, "{:?}", begun.elapsed());
     ends.store(true, Ordering::Relaxed);
     thread.join().unwrap();
     // A missing volume is reported.
@@ -358,7 +358,7 @@ fn commands_start_and_stop_session_and_save_volume() {
     let mut peer = Peer::at(bench.server.address());
     let mut send = |name: &str, version, id| {
         let command = Command { id, name: fixed(name), text: Text::new("") };
-        peer.say("me", version, Content::Command(command));
+        peer.send_content("me", version, Content::Command(command));
         let answer = peer.until("an answer", |message| matches!(message.content, Content::Answer(_)));
         let result = answer.metadatum("Result").map(|text| text.into_owned());
         let Content::Answer(Command { id: of, name, text }) = answer.content else { panic!() };
@@ -386,7 +386,7 @@ fn commands_start_and_stop_session_and_save_volume() {
     thread.join().unwrap();
     // Commands in the form of PLUS clients of earlier versions.
     let text = Text::new("<Command Name=\"stop\" />");
-    peer.say("CMD_77", Version::One, Content::Text(text));
+    peer.send_content("CMD_77", Version::One, Content::Text(text));
     let Content::Text(text) = peer.named("STRING", "ACK_77").content else { panic!() };
     assert!(text.as_text().contains("Status=\"SUCCESS\""), "{text:?}");
     assert!(bench.ends.load(Ordering::Relaxed));
@@ -395,20 +395,21 @@ fn commands_start_and_stop_session_and_save_volume() {
 #[test]
 fn commands_of_remote_clients_are_refused() {
     let ends = Arc::new(AtomicBool::new(false));
-    let house = Rc::new(server::ServerState {
+    let state = Rc::new(state::ServerState {
         hub: Arc::new(Hub::new()),
         commands: Arc::new(Commands::new(Arc::clone(&ends), None, false)),
         counts: Arc::default(),
         clients: RefCell::default(),
-        shown: RefCell::default(),
+        published: RefCell::default(),
     });
-    for (is_local, ended, wanted) in [(false, false, "only clients on this machine"), (true, true, "the session ends")]
+    for (is_local, ended, expected) in
+        [(false, false, "only clients on this machine"), (true, true, "the session ends")]
     {
         let client = Rc::new(client::Client::new(is_local));
         let command = Command { id: 9, name: fixed("stop"), text: Text::new("") };
-        house.hear(&client, Message::new(fixed("x"), TimeStamp(0), Content::Command(command)));
+        state.handle(&client, Message::new(fixed("x"), TimeStamp(0), Content::Command(command)));
         let wire = client.next().unwrap();
-        assert!(String::from_utf8_lossy(&wire).contains(wanted), "{wire:?}");
+        assert!(String::from_utf8_lossy(&wire).contains(expected), "{wire:?}");
         assert_eq!(ends.load(Ordering::Relaxed), ended);
     }
 }

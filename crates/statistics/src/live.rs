@@ -22,8 +22,8 @@ pub struct LiveStatistics<'a> {
     #[serde(flatten)]
     pub account: &'a SessionStatus,
     /// Scan guidance for the user, if a page can show it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub coach: Option<&'a GuidanceStatus>,
+    #[serde(rename = "coach", skip_serializing_if = "Option::is_none")]
+    pub guidance: Option<&'a GuidanceStatus>,
     /// Time from the program's start until the first slice was in the volume, s.
     pub start_to_first_slice_s: Option<f64>,
     /// Resources of the process.
@@ -41,7 +41,7 @@ impl<'a> LiveStatistics<'a> {
             version: env!("CARGO_PKG_VERSION"),
             wall_s: wall.as_secs_f64(),
             account,
-            coach: None,
+            guidance: None,
             process,
             config,
         }
@@ -49,7 +49,7 @@ impl<'a> LiveStatistics<'a> {
 
     /// Adds the scan guidance.
     #[must_use]
-    pub fn with_coach(self, coach: Option<&'a GuidanceStatus>) -> Self {
-        Self { coach, ..self }
+    pub fn with_guidance(self, guidance: Option<&'a GuidanceStatus>) -> Self {
+        Self { guidance, ..self }
     }
 }

@@ -6,50 +6,12 @@ use std::sync::Arc;
 use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
 
-use super::ea1::{self, Speech};
-use super::microscribe::{self, Family};
-use super::{Settings, qsb};
+use super::model::{ArmSettings, Model};
+use super::{ea1, microscribe, qsb};
 use crate::Error;
 use crate::connection::Connection;
 use crate::transport::{Opener, PortPath, SerialOpener, serial};
 use crate::{Driver, Listing, OpenSettings};
-
-/// A kind of arm, and its lines.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Model {
-    /// An arm that speaks EA1, or that sends lines of bare numbers.
-    Ea1 {
-        /// Serial line.
-        path: PathBuf,
-        /// Format of its samples.
-        speech: Speech,
-    },
-    /// Three US Digital QSBs, base first.
-    Qsb {
-        /// Serial lines.
-        paths: [PathBuf; 3],
-    },
-    /// A MicroScribe or an Immersion box.
-    MicroScribe {
-        /// Serial line.
-        path: PathBuf,
-        /// Family of the device.
-        family: Family,
-        /// Number of encoders: 5 or 6; for a box 2, 4 or 6.
-        encoders: u8,
-    },
-}
-
-/// Settings for opening an arm.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ArmSettings {
-    /// Kind of arm and its lines.
-    pub model: Model,
-    /// Set-up of the arm.
-    pub settings: Settings,
-    /// Whether received bytes are also delivered as readings.
-    pub keeps_raw: bool,
-}
 
 /// Encoder arms.
 pub struct ArmDriver;
@@ -67,9 +29,9 @@ impl ArmDriver {
             Box::new(SerialOpener::new(port, Arc::clone(&clock)))
         };
         Ok(match model {
-            Model::Ea1 { path, speech } => {
+            Model::Ea1 { path, format } => {
                 let opener = line(path, ea1::unit::BAUD);
-                let unit = ea1::Unit::new(opener.name(), settings.clone(), *speech)?;
+                let unit = ea1::Unit::new(opener.name(), settings.clone(), *format)?;
                 Box::new(Connection::new(opener, clock, unit, *keeps_raw))
             }
             Model::Qsb { paths } => {
@@ -104,15 +66,19 @@ impl Driver for ArmDriver {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use sonoweave_core::Next;
     use sonoweave_core::health::State;
+
+    use super::*;
+    use crate::arm::Settings;
+    use crate::arm::ea1::SampleFormat;
+    use crate::arm::microscribe::Family;
 
     #[test]
     fn each_kind_opens_and_missing_arm_is_awaited() {
         let path = || PathBuf::from("/dev/nothing");
         let kinds = [
-            Model::Ea1 { path: path(), speech: Speech::Lines },
+            Model::Ea1 { path: path(), format: SampleFormat::Lines },
             Model::Qsb { paths: [path(), path(), path()] },
             Model::MicroScribe { path: path(), family: Family::MicroScribe, encoders: 5 },
         ];

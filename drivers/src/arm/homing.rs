@@ -83,7 +83,7 @@ pub struct Homing<P> {
     odd: Option<Taken<P>>,
     odd_in_a_row: u8,
     homed: u8,
-    wanted: u8,
+    to_home: u8,
     zeros: [i64; AXES],
     why: String,
 }
@@ -106,7 +106,7 @@ impl<P: Copy> Homing<P> {
             odd: None,
             odd_in_a_row: 0,
             homed: 0,
-            wanted: 0,
+            to_home: 0,
             zeros: [0; AXES],
             why: String::new(),
         }
@@ -146,7 +146,7 @@ impl<P: Copy> Homing<P> {
 
     /// Homes these axes in the next reading: their counts are 0 there.
     pub fn home(&mut self, axes: u8) {
-        self.wanted |= axes & self.all();
+        self.to_home |= axes & self.all();
     }
 
     /// Restarts, with these axes homed.
@@ -162,10 +162,10 @@ impl<P: Copy> Homing<P> {
     }
 
     /// Takes one more reading: the raw counters, and its relation to an earlier reading.
-    pub fn take(&mut self, payload: P, shown: [i64; AXES], between: impl Fn(&P, &P) -> Between) -> Passed<P> {
+    pub fn push(&mut self, payload: P, shown: [i64; AXES], between: impl Fn(&P, &P) -> Between) -> Passed<P> {
         let mut passed = Passed { refused: 0, held: None, this: None };
         let Some(known) = &self.known else {
-            passed.this = Some(self.believe((payload, shown)));
+            passed.this = Some(self.accept((payload, shown)));
             return passed;
         };
         let after = self.after(known, &payload, &shown, &between);
@@ -173,9 +173,9 @@ impl<P: Copy> Homing<P> {
             passed.refused = u64::from(self.odd.take().is_some());
             self.odd_in_a_row = 0;
             if after.unsure != 0 {
-                self.tell_unsure(&after);
+                self.note_unsure(&after);
             }
-            passed.this = Some(self.believe((payload, after.counts)));
+            passed.this = Some(self.accept((payload, after.counts)));
             return passed;
         }
         let Some(odd) = self.odd.take() else {
@@ -186,9 +186,9 @@ impl<P: Copy> Homing<P> {
         let before = self.after(known, &odd.0, &odd.1, &between);
         let since = self.after(&(odd.0, before.counts), &payload, &shown, &between);
         if since.is_plausible() {
-            self.tell_jump(&before);
-            passed.held = Some(self.believe((odd.0, before.counts)));
-            passed.this = Some(self.believe((payload, since.counts)));
+            self.note_jump(&before);
+            passed.held = Some(self.accept((odd.0, before.counts)));
+            passed.this = Some(self.accept((payload, since.counts)));
             self.odd_in_a_row = 0;
             return passed;
         }
@@ -198,8 +198,8 @@ impl<P: Copy> Homing<P> {
             self.odd = Some((payload, shown));
         } else {
             self.odd_in_a_row = 0;
-            self.tell_jump(&after);
-            passed.this = Some(self.believe((payload, after.counts)));
+            self.note_jump(&after);
+            passed.this = Some(self.accept((payload, after.counts)));
         }
         passed
     }
@@ -238,14 +238,14 @@ impl<P: Copy> Homing<P> {
     }
 
     /// Accepts the reading as reference for the next ones; returns its counts minus the zeros.
-    fn believe(&mut self, taken: Taken<P>) -> Taken<P> {
+    fn accept(&mut self, taken: Taken<P>) -> Taken<P> {
         self.known = Some(taken);
         let (payload, mut counts) = taken;
-        if self.wanted != 0 {
-            for axis in (0..AXES).filter(|axis| self.wanted & 1 << axis != 0) {
+        if self.to_home != 0 {
+            for axis in (0..AXES).filter(|axis| self.to_home & 1 << axis != 0) {
                 self.zeros[axis] = counts[axis];
             }
-            let homed = std::mem::take(&mut self.wanted);
+            let homed = std::mem::take(&mut self.to_home);
             self.trust(homed);
             if self.homed == self.all() {
                 self.settle();
@@ -255,7 +255,7 @@ impl<P: Copy> Homing<P> {
         (payload, counts)
     }
 
-    fn tell_jump(&mut self, after: &After) {
+    fn note_jump(&mut self, after: &After) {
         if after.beyond == 0 {
             return;
         }
@@ -281,7 +281,7 @@ impl<P: Copy> Homing<P> {
         self.why.push_str(HOME_IT);
     }
 
-    fn tell_unsure(&mut self, after: &After) {
+    fn note_unsure(&mut self, after: &After) {
         if self.homed & after.unsure == 0 {
             return;
         }
@@ -292,6 +292,24 @@ impl<P: Copy> Homing<P> {
             self.why,
             "nothing was heard for {ms} ms, in which a joint may have turned by more than its counter holds{HOME_IT}"
         );
+    }
+
+    /// Returns the status of a reading: like [`Self::status`], but with the jump before it, if the
+    /// counters have `jumped` and an axis lost its zero by that.
+    pub fn status_after(&self, jumped: bool, homed: u8, fault: u8) -> Status {
+        match self.status(homed, fault) {
+            Status::Other(_) if jumped && !self.why.is_empty() => Status::Other(self.why.clone().into()),
+            status => status,
+        }
+    }
+
+    /// Returns the problem of the device after a reading of this status; empty for none.
+    pub fn trouble<'a>(&'a self, status: &'a Status) -> &'a str {
+        match status {
+            Status::Ok => "",
+            Status::Other(why) if self.why.is_empty() => why,
+            Status::Other(_) => &self.why,
+        }
     }
 
     /// Returns the status of readings, for the homed and the faulty axes (bit by axis of the
@@ -315,15 +333,15 @@ impl<P: Copy> Homing<P> {
 pub const HOME_IT: &str = ": move the arm to its home position and home it";
 
 macro_rules! of_each_axis {
-    ($several:literal, $said:literal) => {
+    ($several:literal, $text:literal) => {
         [
-            concat!($several, $said),
-            concat!("axis 1 ", $said),
-            concat!("axis 2 ", $said),
-            concat!("axis 3 ", $said),
-            concat!("axis 4 ", $said),
-            concat!("axis 5 ", $said),
-            concat!("axis 6 ", $said),
+            concat!($several, $text),
+            concat!("axis 1 ", $text),
+            concat!("axis 2 ", $text),
+            concat!("axis 3 ", $text),
+            concat!("axis 4 ", $text),
+            concat!("axis 5 ", $text),
+            concat!("axis 6 ", $text),
         ]
     };
 }
@@ -382,11 +400,11 @@ mod tests {
             let mut homing = Homing::new(0, 1, 1, bits, 1_000_000, 0);
             let ns = (half - 1 - SLACK) * 1000;
             let mut truth = (first * half as f64) as i64;
-            let begun = homing.take(0, one(truth), later(0)).this.unwrap();
+            let begun = homing.push(0, one(truth), later(0)).this.unwrap();
             prop_assert_eq!(begun.1[0], truth);
             for step in steps {
                 truth += (step * (half - 1 - SLACK) as f64) as i64;
-                let passed = homing.take(0, one(shown(truth, bits)), later(ns));
+                let passed = homing.push(0, one(shown(truth, bits)), later(ns));
                 prop_assert_eq!((passed.this.map(|this| this.1[0]), passed.refused), (Some(truth), 0));
             }
         }
@@ -400,7 +418,7 @@ mod tests {
             let (mut refused, mut found) = (0, Vec::new());
             for n in 0..60_usize {
                 let damage = if n == at { by } else { 0 };
-                let passed = homing.take(n as i64 * 10 * MS, one(shown(700 * n as i64 + damage, 16)), by_clock);
+                let passed = homing.push(n as i64 * 10 * MS, one(shown(700 * n as i64 + damage, 16)), by_clock);
                 refused += passed.refused;
                 found.extend(passed.held.into_iter().chain(passed.this).map(|(_, counts)| counts[0]));
             }
@@ -413,7 +431,7 @@ mod tests {
     fn jump_is_accepted_at_next_reading_and_reported() {
         let mut homing = Homing::new(1, 2, 3, 32, 1000, 0);
         homing.trust(3);
-        let take = |homing: &mut Homing<i64>, a, b| homing.take(0, [a, b, 0, 0, 0, 0], later(10 * MS));
+        let take = |homing: &mut Homing<i64>, a, b| homing.push(0, [a, b, 0, 0, 0, 0], later(10 * MS));
         assert!(take(&mut homing, 5, 7).this.is_some());
         assert_eq!(take(&mut homing, 6, 900), Passed { refused: 0, held: None, this: None });
         assert_eq!(homing.homed(), 3, "nothing is known yet");
@@ -433,7 +451,7 @@ mod tests {
         let mut homing = Homing::new(0, 1, 1, 32, 1000, 0);
         homing.trust(1);
         let found: usize = (0..100)
-            .map(|n| homing.take(0, one(n * n * 100), later(10 * MS)))
+            .map(|n| homing.push(0, one(n * n * 100), later(10 * MS)))
             .map(|passed| usize::from(passed.this.is_some()) + usize::from(passed.held.is_some()))
             .sum();
         assert!(found >= 20 && homing.homed() == 0, "{found}");
@@ -443,10 +461,10 @@ mod tests {
     fn possible_wrap_in_silence_is_not_homed() {
         let mut homing = Homing::new(0, 1, 1, 14, 10_000, 0);
         homing.trust(1);
-        homing.take(0, one(100), later(0));
-        assert!(homing.take(0, one(200), later(800 * MS)).this.is_some());
+        homing.push(0, one(100), later(0));
+        assert!(homing.push(0, one(200), later(800 * MS)).this.is_some());
         assert_eq!((homing.homed(), homing.why()), (1, ""));
-        assert!(homing.take(0, one(300), later(900 * MS)).this.is_some());
+        assert!(homing.push(0, one(300), later(900 * MS)).this.is_some());
         assert_eq!(homing.homed(), 0);
         assert!(homing.why().contains("nothing was heard for 900 ms"), "{}", homing.why());
     }
@@ -455,9 +473,9 @@ mod tests {
     fn restart_differs_from_jump() {
         let mut homing = Homing::new(0, 1, 1, 32, 1000, 0);
         homing.trust(1);
-        homing.take(100 * MS, one(5), by_clock);
-        assert!(homing.take(MS, one(5), by_clock).this.is_none());
-        assert!(homing.take(2 * MS, one(5), by_clock).held.is_some());
+        homing.push(100 * MS, one(5), by_clock);
+        assert!(homing.push(MS, one(5), by_clock).this.is_none());
+        assert!(homing.push(2 * MS, one(5), by_clock).held.is_some());
         assert_eq!(homing.homed(), 0);
         assert!(homing.why().starts_with("the arm has begun anew"), "{}", homing.why());
     }

@@ -15,8 +15,10 @@ mod driver;
 pub mod ea1;
 pub mod homing;
 pub mod microscribe;
+mod model;
 pub mod qsb;
 pub mod settings;
 
-pub use driver::{ArmDriver, ArmSettings, Model};
+pub use driver::ArmDriver;
+pub use model::{ArmSettings, Model};
 pub use settings::Settings;

@@ -11,38 +11,38 @@ const BUFFER: usize = 4096;
 /// Next step of a device's set-up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SetupStep {
-    /// Sends bytes. Result: [`Met::Done`].
+    /// Sends bytes. Result: [`SetupEvent::Done`].
     Send(Vec<u8>),
-    /// Changes the line's rate, bits per second. Result: [`Met::Done`].
+    /// Changes the line's rate, bits per second. Result: [`SetupEvent::Done`].
     Baud(u32),
-    /// Sends nothing for this time, ns, and drops received bytes. Result: [`Met::Done`].
+    /// Sends nothing for this time, ns, and drops received bytes. Result: [`SetupEvent::Done`].
     Pause(i64),
-    /// Drops received bytes until the line was quiet for `quiet_ns`: [`Met::Quiet`]. Gives up
-    /// after `at_most_ns`: [`Met::Noisy`].
-    Hush {
+    /// Drops received bytes until the line was quiet for `quiet_ns`: [`SetupEvent::Quiet`]. Gives
+    /// up after `at_most_ns`: [`SetupEvent::Noisy`].
+    AwaitQuiet {
         /// Length of the silence, ns.
         quiet_ns: i64,
         /// Limit from the beginning of the step, ns.
         at_most_ns: i64,
     },
-    /// Waits for an answer. Received bytes give [`Met::Heard`] until the protocol returns
-    /// another step; after this time, ns, the result is [`Met::Deaf`].
+    /// Waits for an answer. Received bytes give [`SetupEvent::Received`] until the protocol returns
+    /// another step; after this time, ns, the result is [`SetupEvent::NoAnswer`].
     Listen(i64),
     /// Continues to listen until the time given before.
     More,
-    /// Ends the set-up successfully. If `keep` is set, the bytes of the last [`Met::Heard`] are
-    /// passed to [`Protocol::take`].
-    Top {
+    /// Ends the set-up successfully. If `keep` is set, the bytes of the last
+    /// [`SetupEvent::Received`] are passed to [`Protocol::decode`].
+    Finish {
         /// Whether the bytes received last already hold records.
         keep: bool,
     },
     /// The set-up failed, with reason and remedy. It is tried again.
-    Fall(String),
+    Fail(String),
 }
 
 /// Result of a set-up step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Met<'a> {
+pub enum SetupEvent<'a> {
     /// The line was opened, or the set-up restarts.
     Begin,
     /// The step is complete.
@@ -52,9 +52,9 @@ pub enum Met<'a> {
     /// The line did not become quiet.
     Noisy,
     /// Bytes were received.
-    Heard(&'a [u8]),
-    /// No answer came, or no more of it.
-    Deaf,
+    Received(&'a [u8]),
+    /// No answer arrived, or no more of it.
+    NoAnswer,
 }
 
 /// Losses on the line, as counted by the decoder.
@@ -78,11 +78,11 @@ pub trait Protocol: Send {
     fn resume(&mut self);
 
     /// Returns the next set-up step, given the result of the last one.
-    fn climb(&mut self, met: Met<'_>) -> SetupStep;
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep;
 
-    /// Takes bytes of a device that has been set up; the last of them arrived at `at_ns`.
-    /// Appends the readings to `found`; the caller numbers them.
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
+    /// Decodes bytes of a device that has been set up; the last of them arrived at `at_ns`, host
+    /// ns. Appends the readings to `found`; the caller numbers them.
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
 
     /// Returns the bytes to send to a running device, and the host time, ns, of the next call.
     /// The bytes are a request to a device that answers only requests, or empty. A time that

@@ -21,7 +21,8 @@ use super::list::{find, is_gone, unfit, why_not_opened};
 use super::pixels::{Converter, Refusal, Rows};
 use super::timing::{FrameClock, Sequence, frame_time};
 use super::v4l2::kernel::{Node, number};
-use super::v4l2::setup::{Setup, Trouble, set_up};
+use super::v4l2::setup::{Setup, set_up};
+use super::v4l2::setup_error::SetupError;
 use super::v4l2::stream::{Filled, Stream};
 use super::{GrabberSettings, Interlace};
 use crate::transport::holder;
@@ -38,12 +39,12 @@ const SIGNAL: i64 = 250 * MS;
 const RESTAMPED: &str =
     "the driver's stamps are not of the host's monotonic clock; frames have the time at which they were handed over";
 
-/// Frames that the driver flagged, or that came without a signal.
+/// Frames that the driver flagged, or that arrived without a signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Doubtful {
     /// Frames that the driver flagged as damaged; delivered with that status.
     pub damaged: u64,
-    /// Frames that came while the input had no signal; delivered with that status.
+    /// Frames that arrived while the input had no signal; delivered with that status.
     pub without_signal: u64,
     /// Frames stamped at their handover, because the driver's stamps are of another clock.
     pub restamped: u64,
@@ -78,7 +79,7 @@ struct Running {
     setup: Setup,
     makers: Vec<Maker>,
     /// Time of the last frame, or of the start.
-    heard_ns: i64,
+    received_ns: i64,
     signal_ns: i64,
     signal: Signal,
 }
@@ -156,19 +157,20 @@ impl Grabber {
         self.doubtful
     }
 
-    fn open(&mut self, now_ns: i64) -> Result<Running, Trouble> {
-        let path = find(&self.settings.device).ok_or_else(|| Trouble::Unusable("is not there; plug it in".into()))?;
-        let unopened = |error| Trouble::Unusable(why_not_opened(&error));
+    fn open(&mut self, now_ns: i64) -> Result<Running, SetupError> {
+        let path =
+            find(&self.settings.device).ok_or_else(|| SetupError::Unusable("is not there; plug it in".into()))?;
+        let unopened = |error| SetupError::Unusable(why_not_opened(&error));
         let node = Arc::new(Node::open(&path).map_err(unopened)?);
         self.health.received.opened += 1;
         let identity = node.identity().map_err(unopened)?;
         if let Some(why) = unfit(&identity) {
-            return Err(Trouble::Unusable(format!("cannot be used: {why}")));
+            return Err(SetupError::Unusable(format!("cannot be used: {why}")));
         }
         let setup = set_up(&node, &self.settings).map_err(|trouble| match trouble {
-            Trouble::Refused { source, .. } if is_gone(&source) => unopened(source),
-            Trouble::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
-                Trouble::Unusable(format!("{} ({doing}: {source})", in_use(&path)))
+            SetupError::Refused { source, .. } if is_gone(&source) => unopened(source),
+            SetupError::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
+                SetupError::Unusable(format!("{} ({doing}: {source})", in_use(&path)))
             }
             other => other,
         })?;
@@ -184,13 +186,13 @@ impl Grabber {
             }
         }
         let stream = Stream::start(Arc::clone(&node), self.settings.buffers).map_err(|error| match error.kind() {
-            std::io::ErrorKind::ResourceBusy => Trouble::Unusable(in_use(&path)),
-            _ => Trouble::Unusable(format!("does not stream: {error}")),
+            std::io::ErrorKind::ResourceBusy => SetupError::Unusable(in_use(&path)),
+            _ => SetupError::Unusable(format!("does not stream: {error}")),
         })?;
         self.health.received.set_up += 1;
         self.sequence.restart();
         self.describe_setup(&identity.card, &identity.driver, &setup, &makers);
-        Ok(Running { node, stream, setup, makers, heard_ns: now_ns, signal_ns: i64::MIN, signal: Signal::Fine })
+        Ok(Running { node, stream, setup, makers, received_ns: now_ns, signal_ns: i64::MIN, signal: Signal::Fine })
     }
 
     fn describe_setup(&mut self, card: &str, driver: &str, setup: &Setup, makers: &[Maker]) {
@@ -198,13 +200,13 @@ impl Grabber {
         let [width, height] = layout.size;
         let converter = makers.first().map(|maker| &maker.converter);
         let channels = if converter.is_some_and(|c| c.colour().channels() == 3) { 3 } else { 1 };
-        let fields = setup.order(setup.field);
+        let order = setup.order(setup.field);
         // Both fields of a frame are delivered as frames; so is each single field.
-        let pictures = match (fields, self.settings.interlace) {
+        let pictures = match (order, self.settings.interlace) {
             (Order::Frame { .. }, Interlace::BothFields) => 2.0,
             _ => 1.0,
         };
-        let mut said = vec![
+        let mut fields = vec![
             ("Card".into(), card.to_owned()),
             ("Driver".into(), driver.to_owned()),
             ("VideoFormat".into(), layout.format.to_string()),
@@ -213,17 +215,17 @@ impl Grabber {
             ("VideoMatrix".into(), format!("{:?}", layout.matrix).to_lowercase()),
         ];
         if self.doubtful.restamped > 0 {
-            said.push(("FrameClock".into(), RESTAMPED.into()));
+            fields.push(("FrameClock".into(), RESTAMPED.into()));
         }
-        if fields != Order::Progressive {
-            said.push(("Interlaced".into(), format!("{:?}", self.settings.interlace).to_lowercase()));
+        if order != Order::Progressive {
+            fields.push(("Interlaced".into(), format!("{:?}", self.settings.interlace).to_lowercase()));
         }
         self.description = Description {
             name: self.settings.device.clone(),
             items: None,
             image_size: converter.map(Converter::size),
             pixel: Some((PixelType::U8, channels)),
-            fields: said,
+            fields,
             timing: Timing {
                 ticks: Ticks::Measurements,
                 tick_hz: setup.rate_hz,
@@ -260,9 +262,9 @@ impl Grabber {
     fn run(&mut self, now_ns: i64, deadline_ns: i64) {
         let Stage::Running(running) = &mut self.stage else { return };
         let three_frames = running.setup.rate_hz.map_or(0, |rate| (3.0 * SECOND as f64 / rate) as i64);
-        let silent_ns = running.heard_ns + PATIENCE.max(three_frames);
+        let silent_ns = running.received_ns + PATIENCE.max(three_frames);
         if now_ns >= silent_ns {
-            let signal = running.look_at_signal(now_ns);
+            let signal = running.check_signal(now_ns);
             let why = if signal == Signal::Fine { "delivers no frames; it is set up again" } else { signal.why() };
             return self.again(State::Silent, why, now_ns);
         }
@@ -274,14 +276,14 @@ impl Grabber {
             return self.again(State::Starting, "has changed its video source; it is set up again", now_ns);
         }
         if ready.buffer || ready.trouble {
-            self.take(ready.trouble);
+            self.read_frame(ready.trouble);
         }
     }
 
-    fn take(&mut self, trouble: bool) {
+    fn read_frame(&mut self, trouble: bool) {
         let now_ns = self.clock.now_ns();
         let Stage::Running(running) = &mut self.stage else { return };
-        let signal = running.look_at_signal(now_ns);
+        let signal = running.check_signal(now_ns);
         let restamped = self.doubtful.restamped;
         let Running { stream, setup, makers, .. } = &mut **running;
         let mut pictures = Pictures {
@@ -296,9 +298,9 @@ impl Grabber {
             health: &mut self.health,
             doubtful: &mut self.doubtful,
         };
-        match stream.take(|filled, bytes| pictures.make(filled, bytes)) {
+        match stream.read(|filled, bytes| pictures.make(filled, bytes)) {
             Ok(Some(outcome)) => {
-                running.heard_ns = now_ns;
+                running.received_ns = now_ns;
                 if restamped == 0 && self.doubtful.restamped > 0 {
                     tracing::warn!("{}: {RESTAMPED}", self.settings.device);
                     self.description.fields.push(("FrameClock".into(), RESTAMPED.into()));
@@ -347,7 +349,7 @@ fn maker<'a>(
 
 impl Running {
     /// Asks the input for its signal, unless it was asked recently.
-    fn look_at_signal(&mut self, now_ns: i64) -> Signal {
+    fn check_signal(&mut self, now_ns: i64) -> Signal {
         if let Some(input) = self.setup.input
             && now_ns.saturating_sub(self.signal_ns) >= SIGNAL
         {

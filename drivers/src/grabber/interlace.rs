@@ -63,18 +63,18 @@ pub(crate) struct Part {
     pub(crate) quarters: i64,
 }
 
-/// Returns the frames of a buffer in the order of their times. `at_start` tells which instant of
+/// Returns the frames of a buffer in the order of their times. `at_start` states which instant of
 /// the frame the stamp marks.
 pub(crate) fn parts(order: Order, policy: Interlace, at_start: bool) -> ([Part; 2], usize) {
     let whole = Part { rows: Rows::WHOLE, quarters: 0 };
     let Order::Frame { scan, older } = order else {
         // A single field is always a frame of its own, because the other field is in another
         // buffer. `OneField` keeps only the top one.
-        let wanted = match (order, policy) {
+        let count = match (order, policy) {
             (Order::Single(field), Interlace::OneField) => field == Field::Top,
             _ => true,
         };
-        return ([whole; 2], usize::from(wanted));
+        return ([whole; 2], usize::from(count));
     };
     let [older_at, newer_at] = if at_start { [0, 2] } else { [-2, 0] };
     let field = |field, quarters| Part { rows: Rows { scan, take: Take::Field(field) }, quarters };
@@ -105,20 +105,20 @@ mod tests {
         use Take::Field as F;
         let seq = |first| Scan::Sequential { first };
         let both = Interlace::BothFields;
-        let woven = Scan::Interlaced;
+        let interlaced = Scan::Interlaced;
         // NTSC: bottom older. All others: top older. Two quarters of a frame are a field.
-        assert_eq!(taken(4, true, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
-        assert_eq!(taken(4, false, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
-        assert_eq!(taken(4, false, both, true), [(woven, F(Top), 0), (woven, F(Bottom), 2)]);
+        assert_eq!(taken(4, true, both, false), [(interlaced, F(Bottom), -2), (interlaced, F(Top), 0)]);
+        assert_eq!(taken(4, false, both, false), [(interlaced, F(Top), -2), (interlaced, F(Bottom), 0)]);
+        assert_eq!(taken(4, false, both, true), [(interlaced, F(Top), 0), (interlaced, F(Bottom), 2)]);
         // The driver's own order takes precedence over the standard.
-        assert_eq!(taken(8, true, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
-        assert_eq!(taken(9, false, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
+        assert_eq!(taken(8, true, both, false), [(interlaced, F(Top), -2), (interlaced, F(Bottom), 0)]);
+        assert_eq!(taken(9, false, both, false), [(interlaced, F(Bottom), -2), (interlaced, F(Top), 0)]);
         assert_eq!(taken(5, true, both, false), [(seq(Top), F(Top), -2), (seq(Top), F(Bottom), 0)]);
         assert_eq!(taken(6, false, both, false), [(seq(Bottom), F(Bottom), -2), (seq(Bottom), F(Top), 0)]);
         // One field: the one that the stamp marks. The whole frame: between the two.
-        assert_eq!(taken(4, true, Interlace::OneField, false), [(woven, F(Top), 0)]);
-        assert_eq!(taken(4, true, Interlace::OneField, true), [(woven, F(Bottom), 0)]);
-        assert_eq!(taken(4, true, Interlace::Whole, false), [(woven, Take::All, -1)]);
+        assert_eq!(taken(4, true, Interlace::OneField, false), [(interlaced, F(Top), 0)]);
+        assert_eq!(taken(4, true, Interlace::OneField, true), [(interlaced, F(Bottom), 0)]);
+        assert_eq!(taken(4, true, Interlace::Whole, false), [(interlaced, Take::All, -1)]);
         assert_eq!(taken(6, true, Interlace::Whole, true), [(seq(Bottom), Take::All, 1)]);
     }
 

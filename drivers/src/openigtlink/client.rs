@@ -26,7 +26,7 @@ use super::message::{Content, Message};
 use super::query::{Pace, Subject};
 use super::stream::{Decoder, Event, Limits};
 use crate::Error;
-use crate::connection::{Lost, Met, Protocol, SetupStep};
+use crate::connection::{Lost, Protocol, SetupEvent, SetupStep};
 
 /// Time without useful data after which a server counts as silent, ns.
 const PATIENCE: i64 = 5 * SECOND;
@@ -163,8 +163,8 @@ impl Client {
         status: Status,
         found: &mut VecDeque<Reading>,
     ) {
-        let Some(wanted) = &self.settings.transforms else { return };
-        if !wanted.names.is_empty() && !wanted.names.iter().any(|wanted| name == wanted.as_str()) {
+        let Some(requested) = &self.settings.transforms else { return };
+        if !requested.names.is_empty() && !requested.names.iter().any(|requested| name == requested.as_str()) {
             return;
         }
         let (from, to) = split_transform_name(name.as_str());
@@ -179,7 +179,7 @@ impl Client {
         status: Status,
         frame_number: Option<u64>,
     ) -> Option<Frame> {
-        let wanted = self.settings.pictures.as_ref()?;
+        let requested = self.settings.pictures.as_ref()?;
         let [width, height, depth] = image.size;
         let is_picture = depth == 1 && image.is_whole();
         if self.image.is_none() && is_picture {
@@ -210,7 +210,7 @@ impl Client {
             size,
             channels,
             pixel: image.pixel,
-            orientation: Cow::Borrowed(wanted.orientation),
+            orientation: Cow::Borrowed(requested.orientation),
             image_type: String::new(),
             pixels: Arc::clone(&image.native()),
             fields: Vec::new(),
@@ -238,17 +238,17 @@ impl Protocol for Client {
 
     /// Requests transforms; unrequested data are accepted too, as PLUS sends images without a
     /// request.
-    fn climb(&mut self, met: Met<'_>) -> SetupStep {
-        match (met, &self.settings.transforms) {
-            (Met::Begin, Some(RemoteTransforms { interval_ms, .. })) => {
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep {
+        match (event, &self.settings.transforms) {
+            (SetupEvent::Begin, Some(RemoteTransforms { interval_ms, .. })) => {
                 let pace = Pace { interval_ms: *interval_ms, frame: Fixed::EMPTY };
                 SetupStep::Send(question(Content::Start(Subject::of("TDATA"), Some(pace))))
             }
-            _ => SetupStep::Top { keep: false },
+            _ => SetupStep::Finish { keep: false },
         }
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let mut events = Vec::new();
         let outcome = self.decoder.feed(bytes, &mut |event| events.push(event));
         for event in events {

@@ -1,7 +1,7 @@
 //! Additions of protocol version 3: the message number, and metadata behind the content.
 
 use super::cursor::{Cursor, Fault, Trouble};
-use super::message::Unwritable;
+use super::unwritable::Unwritable;
 
 /// Bytes of the extended header when written; additional bytes of a longer one are skipped.
 pub(super) const EXTENDED: usize = 12;

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use sonoweave_core::reading::PixelType;
 
 use super::cursor::{Cursor, Fault, Trouble};
-use super::message::Unwritable;
 use super::pose::Matrix;
+use super::unwritable::Unwritable;
 
 /// Bytes before the pixels.
 const FIELDS: usize = 72;

@@ -1,14 +1,13 @@
 //! A whole message: reads it from header and body, and writes it to bytes.
 
-use sonoweave_core::reading::PixelType;
-
 use super::cursor::{Cursor, Trouble};
 use super::extended::{self, Datum, Text};
-use super::fixed::{Fixed, Unfit};
+use super::fixed::Fixed;
 use super::header::{HEADER, Header, TimeStamp, Version, checksum};
 use super::image::Image;
 use super::pose::{Matrix, Position, Tool};
 use super::query::{Pace, Subject};
+use super::unwritable::Unwritable;
 use super::words::{self, Command, Status};
 
 /// A message.
@@ -62,43 +61,6 @@ pub enum Content {
     Nothing(Fixed<12>),
     /// An unsupported type, or a request with parameters.
     Other(Fixed<12>, Vec<u8>),
-}
-
-/// Why a message cannot be written.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Unwritable {
-    /// More than the field can hold.
-    #[error("{size} {what} do not fit into an OpenIGTLink message; send less")]
-    TooMuch {
-        /// Name of the units.
-        what: &'static str,
-        /// Number of units.
-        size: usize,
-    },
-    /// The protocol does not have the pixel type.
-    #[error("OpenIGTLink has no pixels of type {0:?}")]
-    PixelType(PixelType),
-    /// The pixels do not form an image.
-    #[error(
-        "{bytes} bytes are not a box of {part:?} from {first:?} of {size:?} voxels of {channels} channels of {pixel:?}"
-    )]
-    Part {
-        /// Bytes of the pixels.
-        bytes: usize,
-        /// First voxel of the box.
-        first: [u16; 3],
-        /// Size of the box.
-        part: [u16; 3],
-        /// Size of the whole image.
-        size: [u16; 3],
-        /// Channels of a voxel.
-        channels: u8,
-        /// Scalar type.
-        pixel: PixelType,
-    },
-    /// The name does not fit.
-    #[error(transparent)]
-    Name(#[from] Unfit),
 }
 
 /// Returns a type name, which is known to fit.

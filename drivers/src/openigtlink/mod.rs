@@ -34,6 +34,7 @@ pub mod message;
 pub mod pose;
 pub mod query;
 pub mod stream;
+mod unwritable;
 pub mod words;
 
 pub use client::{Client, RemotePictures, RemoteSettings, RemoteTransforms};
@@ -43,8 +44,9 @@ pub use extended::{Datum, Text};
 pub use fixed::{Fixed, Unfit};
 pub use header::{Header, TimeStamp, Version};
 pub use image::{Coordinates, Image};
-pub use message::{Content, Message, Unwritable};
+pub use message::{Content, Message};
 pub use pose::{Matrix, Position, Tool, ToolKind};
 pub use query::{Pace, Subject};
 pub use stream::{Decoder, Event, Limits, Refused};
+pub use unwritable::Unwritable;
 pub use words::{Command, Status};

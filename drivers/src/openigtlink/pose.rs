@@ -189,8 +189,8 @@ mod tests {
     fn quaternion_gives_its_rotation() {
         // A quarter turn about z, of length 2√2.
         let turned = Position { position: [1.0, 2.0, 3.0], quaternion_xyzw: [0.0, 0.0, 2.0, 2.0] }.rows();
-        let wanted = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0, 0.0, 1.0];
-        assert!(turned.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{turned:?}");
+        let expected = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0, 0.0, 1.0];
+        assert!(turned.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-12), "{turned:?}");
         let none = Position { position: [0.0; 3], quaternion_xyzw: [0.0; 4] }.rows();
         assert_eq!([none[0], none[5], none[10]], [1.0; 3]);
     }

@@ -3,7 +3,7 @@
 use super::cursor::{Cursor, Fault, Trouble};
 use super::extended::Text;
 use super::fixed::Fixed;
-use super::message::Unwritable;
+use super::unwritable::Unwritable;
 
 /// Status of the sender.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -77,9 +77,9 @@ pub fn arm_protocol(model: &arm::Model, settings: &arm::Settings) -> LineProtoco
         ("baud", optional(*baud)),
     ];
     let protocol = match model {
-        arm::Model::Ea1 { speech, .. } => {
-            let speech = SPEECHES.iter().find(|(one, _)| one == speech).map_or("", |(_, name)| name);
-            all.push(("speech", speech.to_owned()));
+        arm::Model::Ea1 { format, .. } => {
+            let format = SAMPLE_FORMATS.iter().find(|(one, _)| one == format).map_or("", |(_, name)| name);
+            all.push(("speech", format.to_owned()));
             "ea1"
         }
         arm::Model::Qsb { .. } => "qsb",
@@ -101,20 +101,20 @@ fn with(protocol: &str, settings: impl IntoIterator<Item = (&'static str, String
 struct Decoders<'a>(&'a LineProtocol);
 
 impl Decoders<'_> {
-    fn said(&self, name: &str) -> &str {
+    fn text(&self, name: &str) -> &str {
         self.0.settings.iter().find(|(one, _)| one == name).map_or("", |(_, value)| value)
     }
 
     fn value<T: FromStr>(&self, name: &str) -> Result<T, Error> {
-        self.said(name).trim().parse().map_err(|_| self.refused(name))
+        self.text(name).trim().parse().map_err(|_| self.refused(name))
     }
 
     fn perhaps<T: FromStr>(&self, name: &str) -> Result<Option<T>, Error> {
-        if self.said(name).is_empty() { Ok(None) } else { self.value(name).map(Some) }
+        if self.text(name).is_empty() { Ok(None) } else { self.value(name).map(Some) }
     }
 
     fn values<T: FromStr>(&self, name: &str) -> Result<Vec<T>, Error> {
-        self.said(name).split_whitespace().map(|value| value.parse().map_err(|_| self.refused(name))).collect()
+        self.text(name).split_whitespace().map(|value| value.parse().map_err(|_| self.refused(name))).collect()
     }
 
     fn few<T: FromStr, const N: usize>(&self, name: &str) -> Result<[T; N], Error> {
@@ -122,12 +122,12 @@ impl Decoders<'_> {
     }
 
     fn one_of<T: Copy>(&self, name: &str, all: &[(T, &str)]) -> Result<T, Error> {
-        let said = self.said(name);
-        all.iter().find(|(_, one)| *one == said).map(|(value, _)| *value).ok_or_else(|| self.refused(name))
+        let text = self.text(name);
+        all.iter().find(|(_, one)| *one == text).map(|(value, _)| *value).ok_or_else(|| self.refused(name))
     }
 
     fn refused(&self, name: &str) -> Error {
-        let (setting, value) = (name.to_owned(), self.said(name).to_owned());
+        let (setting, value) = (name.to_owned(), self.text(name).to_owned());
         Error::Recorded { protocol: self.0.protocol.clone(), setting, value }
     }
 
@@ -144,7 +144,7 @@ impl Decoders<'_> {
             })
         };
         let line = || {
-            Ok::<_, Error>(match self.said("line") {
+            Ok::<_, Error>(match self.text("line") {
                 "usb" => Line::Usb,
                 _ => Line::Serial(self.perhaps("baud")?),
             })
@@ -161,7 +161,7 @@ impl Decoders<'_> {
             vec![Box::new(protocol)]
         }
         Ok(match self.0.protocol.as_str() {
-            "ea1" => one(ea1::Unit::new(name, arm()?, self.one_of("speech", &SPEECHES)?)?),
+            "ea1" => one(ea1::Unit::new(name, arm()?, self.one_of("speech", &SAMPLE_FORMATS)?)?),
             "qsb" => {
                 let unit = |axis| Ok(Box::new(qsb::Unit::new(name, arm()?, axis, 3)?) as Box<dyn Protocol>);
                 (0..3).map(unit).collect::<Result<_, Error>>()?
@@ -182,8 +182,11 @@ impl Decoders<'_> {
     }
 }
 
-const SPEECHES: [(ea1::Speech, &str); 3] =
-    [(ea1::Speech::Lines, "lines"), (ea1::Speech::Blocks, "blocks"), (ea1::Speech::BareNumbers, "bare_numbers")];
+const SAMPLE_FORMATS: [(ea1::SampleFormat, &str); 3] = [
+    (ea1::SampleFormat::Lines, "lines"),
+    (ea1::SampleFormat::Blocks, "blocks"),
+    (ea1::SampleFormat::BareNumbers, "bare_numbers"),
+];
 
 const FAMILIES: [(Family, &str); 2] = [(Family::MicroScribe, "microscribe"), (Family::Box, "box")];
 
@@ -205,10 +208,10 @@ impl Lines {
     }
 
     /// Appends the readings that a piece completes.
-    pub(super) fn take(&mut self, raw: &Raw, found: &mut VecDeque<Reading>) {
+    pub(super) fn decode(&mut self, raw: &Raw, found: &mut VecDeque<Reading>) {
         let Some(line) = self.lines.get_mut(usize::from(raw.line)) else { return };
         let before = found.len();
-        line.take(&raw.bytes, raw.stamp.host_ns.unwrap_or(0), found);
+        line.decode(&raw.bytes, raw.stamp.host_ns.unwrap_or(0), found);
         number(found.iter_mut().skip(before), &mut self.items);
     }
 }
@@ -218,21 +221,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speech_keeps_settings_for_decoders() {
+    fn protocol_keeps_settings_for_decoders() {
         let path = || std::path::PathBuf::from("/dev/x");
         let settings = arm::Settings { rate_hz: 60, fastest: 7_000, counts_per_turn: [1, 2, 3], baud: Some(9600) };
         for (model, lines) in [
-            (arm::Model::Ea1 { path: path(), speech: ea1::Speech::Blocks }, 1),
+            (arm::Model::Ea1 { path: path(), format: ea1::SampleFormat::Blocks }, 1),
             (arm::Model::Qsb { paths: [path(), path(), path()] }, 3),
             (arm::Model::MicroScribe { path: path(), family: Family::Box, encoders: 4 }, 1),
         ] {
             let arm = arm::ArmSettings { model, settings: settings.clone(), keeps_raw: true };
-            let speech = line_protocol(&OpenSettings::Arm(arm)).unwrap();
-            let protocols = Decoders(&speech).protocols("it").unwrap();
+            let recorded = line_protocol(&OpenSettings::Arm(arm)).unwrap();
+            let protocols = Decoders(&recorded).protocols("it").unwrap();
             assert_eq!(protocols.len(), lines);
             assert!(protocols[0].describe().name.contains("it"));
-            for (name, _) in &speech.settings {
-                let mut wrong = speech.clone();
+            for (name, _) in &recorded.settings {
+                let mut wrong = recorded.clone();
                 wrong.settings.retain(|(one, _)| one != name);
                 wrong.settings.push((name.clone(), "nonsense".into()));
                 let error = Decoders(&wrong).protocols("it").err().unwrap();
@@ -243,9 +246,9 @@ mod tests {
         for model in polhemus::Model::ALL {
             let port = Port::Serial { path: path(), baud: Some(38_400) };
             let tracker = polhemus::TrackerSettings { model, port, settings: settings.clone(), keeps_raw: true };
-            let speech = line_protocol(&OpenSettings::Tracker(tracker)).unwrap();
-            assert_eq!((speech.protocol.as_str(), Decoders(&speech).said("stations")), (model.name(), "1 2"));
-            assert_eq!(Decoders(&speech).protocols("it").unwrap().len(), 1);
+            let recorded = line_protocol(&OpenSettings::Tracker(tracker)).unwrap();
+            assert_eq!((recorded.protocol.as_str(), Decoders(&recorded).text("stations")), (model.name(), "1 2"));
+            assert_eq!(Decoders(&recorded).protocols("it").unwrap().len(), 1);
         }
         assert!(line_protocol(&OpenSettings::sequence("x")).is_none());
         let unknown = LineProtocol { protocol: "telepathy".into(), settings: Vec::new() };

@@ -88,7 +88,7 @@ impl<P: Protocol> Device for LineReplay<P> {
                 self.held = Some(piece);
                 return Ok(Next::Pending);
             }
-            self.protocol.take(&piece.bytes, piece.stamp.host_ns.unwrap_or(0), &mut self.found);
+            self.protocol.decode(&piece.bytes, piece.stamp.host_ns.unwrap_or(0), &mut self.found);
             number(self.found.iter_mut(), &mut self.items);
             let lost = self.protocol.lost();
             let received = &mut self.health.received;

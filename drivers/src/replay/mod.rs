@@ -6,17 +6,15 @@ mod line;
 mod pace;
 mod sequence;
 mod session;
+mod settings;
 
 pub use decode::{arm_protocol, line_protocol, tracker_protocol};
 pub use line::{LineReplay, Source};
 pub use pace::{Pace, Pacer};
 pub use sequence::Replay;
 pub use session::SessionReplay;
+pub use settings::{Progress, SequenceSettings, SessionSettings};
 
-use std::path::PathBuf;
-
-use formats::Limits;
-use formats::image::OnRows;
 use sonoweave_core::Device;
 
 use crate::{Driver, Error, Listing, OpenSettings};
@@ -24,46 +22,6 @@ use crate::{Driver, Error, Listing, OpenSettings};
 /// Opens sequence files.
 #[derive(Debug)]
 pub struct SequenceDriver;
-
-/// Settings: the sequence file to open, and the parts to deliver.
-#[derive(Debug, Clone)]
-pub struct SequenceSettings {
-    /// The file.
-    pub path: PathBuf,
-    /// Whether to deliver pixels. Without them only the header is read: transforms and frames
-    /// are still delivered, but the frames' pixels are empty.
-    pub images: bool,
-    /// Replay pace, by the items' times. Items without a time are delivered at once.
-    pub pace: Pace,
-    /// Upper bounds on memory and item count.
-    pub limits: Limits,
-    /// Receives the progress before the first reading, for a file whose frames must all be read
-    /// first.
-    pub told: Progress,
-}
-
-/// Progress callback: receives the numbers of finished parts and of all parts.
-#[derive(Clone, Default)]
-pub struct Progress(pub Option<OnRows>);
-
-impl std::fmt::Debug for Progress {
-    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        to.write_str(if self.0.is_some() { "told" } else { "not told" })
-    }
-}
-
-impl SequenceSettings {
-    /// Returns settings for all of `path`, with default limits.
-    pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self {
-            path: path.into(),
-            images: true,
-            pace: Pace::Unpaced,
-            limits: Limits::default(),
-            told: Progress::default(),
-        }
-    }
-}
 
 impl Driver for SequenceDriver {
     fn name(&self) -> &'static str {
@@ -85,31 +43,6 @@ impl Driver for SequenceDriver {
 /// Opens sessions.
 #[derive(Debug)]
 pub struct SessionDriver;
-
-/// Settings: the session to open, and the parts to deliver.
-#[derive(Debug, Clone)]
-pub struct SessionSettings {
-    /// The file.
-    pub path: PathBuf,
-    /// One device of the session; `None` for all.
-    pub device: Option<String>,
-    /// Whether frames have pixels.
-    pub images: bool,
-    /// Whether to decode the bytes of lines again, instead of delivering the recorded readings.
-    pub decode: bool,
-    /// Replay pace, by the times at which readings were handed to the writer.
-    pub pace: Pace,
-    /// Upper bounds on memory and item count.
-    pub limits: Limits,
-}
-
-impl SessionSettings {
-    /// Returns settings for all of `path` as recorded, unpaced, with default limits.
-    pub fn new(path: impl Into<PathBuf>) -> Self {
-        let (pace, limits) = (Pace::Unpaced, Limits::default());
-        Self { path: path.into(), device: None, images: true, decode: false, pace, limits }
-    }
-}
 
 impl Driver for SessionDriver {
     fn name(&self) -> &'static str {

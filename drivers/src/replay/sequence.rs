@@ -26,7 +26,7 @@ pub struct Replay {
     /// File of the pixels, which may differ from the header's.
     data_path: PathBuf,
     images: bool,
-    told: Progress,
+    progress: Progress,
     /// Kept open, so that a file replaced during replay does not combine its pixels with the
     /// old header.
     file: File,
@@ -81,7 +81,7 @@ impl Replay {
         Ok(Self {
             data_path,
             images: settings.images,
-            told: settings.told.clone(),
+            progress: settings.progress.clone(),
             file: reader.into_inner(),
             pool: Pool::new(layout.layer_bytes),
             layout,
@@ -104,7 +104,7 @@ impl Replay {
             pixels = match self.layout.list {
                 ListAxis::Last => Pixels::Stream(Box::new(PixelStream::new(reader, path, &self.layout))),
                 ListAxis::First => {
-                    Pixels::Held(image::transposed::frames(reader, path, &self.layout, self.told.0.as_ref())?)
+                    Pixels::Held(image::transposed::frames(reader, path, &self.layout, self.progress.0.as_ref())?)
                 }
             };
         }

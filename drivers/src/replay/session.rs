@@ -123,11 +123,11 @@ impl SessionReplay {
                 None => break,
             }
         }
-        if let Some(wanted) = &self.settings.device
-            && !self.devices.iter().any(|device| device.name == *wanted)
+        if let Some(requested) = &self.settings.device
+            && !self.devices.iter().any(|device| device.name == *requested)
         {
             let known = self.devices.iter().map(|device| device.name.clone()).collect();
-            return Err(crate::Error::NoDevice { path: self.path().to_owned(), wanted: wanted.clone(), known });
+            return Err(crate::Error::NoDevice { path: self.path().to_owned(), requested: requested.clone(), known });
         }
         Ok(())
     }
@@ -143,7 +143,7 @@ impl SessionReplay {
 
     fn describe_all(&mut self) {
         let one = match &self.settings.device {
-            Some(wanted) => self.devices.iter().find(|device| device.name == *wanted),
+            Some(requested) => self.devices.iter().find(|device| device.name == *requested),
             // The description of the whole session is that of the device with images.
             None => self.devices.iter().find(|device| device.description.image_size.is_some()),
         };
@@ -173,7 +173,7 @@ impl SessionReplay {
             let refused = |why| unreadable(&self.settings.path, why);
             if channel.schema == schema::DEVICE.name {
                 let device = message.device().ok_or(Unreadable::Malformed).map_err(refused)?;
-                if self.settings.device.as_ref().is_none_or(|wanted| *wanted == device.name) {
+                if self.settings.device.as_ref().is_none_or(|requested| *requested == device.name) {
                     self.meet(device);
                 }
                 continue;
@@ -213,16 +213,16 @@ impl SessionReplay {
             self.lines.insert(at, Lines::new(speech, name)?);
         }
         if let Some(lines) = self.lines.get_mut(&at) {
-            lines.take(&raw, &mut self.found);
+            lines.decode(&raw, &mut self.found);
         }
         Ok(())
     }
 
     fn end(&mut self) {
         let Some(reader) = &self.reader else { return };
-        let wanted = self.settings.device.as_deref();
+        let requested = self.settings.device.as_deref();
         let channels = reader.channels();
-        let own = channels.iter().filter(|channel| wanted.is_none() || channel.device() == wanted);
+        let own = channels.iter().filter(|channel| requested.is_none() || channel.device() == requested);
         self.health.received.lost = own.map(|channel| channel.missing).sum();
         let why = match reader.ending() {
             Some(Ending::BrokenOff) => {

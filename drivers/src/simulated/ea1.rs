@@ -53,7 +53,7 @@ pub struct Twin {
     input: Vec<u8>,
     /// It does nothing before this time, ns.
     busy_ns: i64,
-    says_who: bool,
+    identity_is_due: bool,
     /// The host's time at which its clock showed 0, ns.
     born_ns: i64,
     next_ns: i64,
@@ -87,7 +87,7 @@ impl Twin {
             mute_pings: 0,
             input: Vec::new(),
             busy_ns: i64::MIN,
-            says_who: false,
+            identity_is_due: false,
             born_ns: 0,
             next_ns: i64::MIN,
             before: [0; AXES],
@@ -119,7 +119,7 @@ impl Twin {
         self.rate_hz = 0;
         self.busy_ns = now_ns + START;
         self.born_ns = self.busy_ns;
-        self.says_who = true;
+        self.identity_is_due = true;
         self.zeros = self.true_counts(now_ns);
         self.before = self.zeros;
     }
@@ -145,7 +145,7 @@ impl Twin {
         (passed as i64 / 1000) as u32
     }
 
-    fn say(&mut self, record: &Record<'_>, line_baud: u32, now_ns: i64) {
+    fn send(&mut self, record: &Record<'_>, line_baud: u32, now_ns: i64) {
         let mut bytes = Vec::new();
         record.write(&mut bytes);
         let garbled = line_baud != 0 && line_baud != self.baud;
@@ -196,7 +196,7 @@ impl Twin {
             return;
         }
         let record = if self.bare { Record::Unreliable(sample.counts) } else { Record::Sample(sample) };
-        self.say(&record, line_baud, at_ns);
+        self.send(&record, line_baud, at_ns);
     }
 
     fn identity(&mut self, line_baud: u32, now_ns: i64) {
@@ -207,12 +207,12 @@ impl Twin {
             tick_hz: 1_000_000,
             rate_hz: self.rate_hz,
         };
-        self.say(&Record::Identity(identity), line_baud, now_ns);
+        self.send(&Record::Identity(identity), line_baud, now_ns);
     }
 
     /// Returns the time of its next own action.
     fn turn(&self) -> Option<i64> {
-        match (self.plugged && !self.hung, self.says_who) {
+        match (self.plugged && !self.hung, self.identity_is_due) {
             (false, _) => None,
             (true, true) => Some(self.busy_ns),
             (true, false) => (self.rate_hz != 0).then_some(self.next_ns.max(self.busy_ns)),
@@ -221,7 +221,7 @@ impl Twin {
 
     fn go_on(&mut self, line_baud: u32, until_ns: i64) {
         while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
-            if std::mem::take(&mut self.says_who) {
+            if std::mem::take(&mut self.identity_is_due) {
                 if !self.bare {
                     self.identity(line_baud, at);
                 }
@@ -240,7 +240,7 @@ impl Twin {
             Ok(Command::Identify) => self.identity(line_baud, now_ns),
             Ok(Command::Poll) => {
                 let sample = Sample { framing: Framing::Lines, ..self.latch(now_ns) };
-                self.say(&Record::Sample(sample), line_baud, now_ns);
+                self.send(&Record::Sample(sample), line_baud, now_ns);
             }
             Ok(Command::Zero(axes)) => {
                 let counts = self.true_counts(now_ns);
@@ -257,17 +257,17 @@ impl Twin {
                     return;
                 }
                 let t_us = self.us(now_ns);
-                self.say(&Record::Time { token, t_us }, line_baud, now_ns);
+                self.send(&Record::Time { token, t_us }, line_baud, now_ns);
             }
             Ok(Command::Stream(framing, hz)) => {
                 let bytes = if framing == Framing::Lines { 45 } else { 29 };
                 if i64::from(hz) * bytes * 10 > i64::from(self.baud) {
-                    return self.say(&Record::Error(error::TOO_FAST), line_baud, now_ns);
+                    return self.send(&Record::Error(error::TOO_FAST), line_baud, now_ns);
                 }
                 (self.framing, self.rate_hz) = (framing, hz);
                 self.next_ns = now_ns + self.period();
             }
-            Err(code) => self.say(&Record::Error(code), line_baud, now_ns),
+            Err(code) => self.send(&Record::Error(code), line_baud, now_ns),
         }
     }
 }
@@ -313,7 +313,7 @@ impl Peer for Twin {
             // Advances only to the first byte that the host waits for, because the host's answer
             // may change everything after it.
             match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
+                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
                 _ => {}
             }
             match self.turn() {

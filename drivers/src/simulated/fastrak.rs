@@ -3,7 +3,7 @@
 
 use sonoweave_core::clock::SECOND;
 
-use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
 use crate::tracker::polhemus::fastrak::write::{write_error, write_output_list, write_stations};
 use crate::tracker::polhemus::fastrak::{Command, Layout, Mode, Pose, STATIONS, Status};
@@ -69,7 +69,7 @@ impl Fastrak {
         let unit = if self.centimetres { 1.0 } else { 1.0 / CM_PER_INCH };
         // Four stations at most.
         let mut pose = Pose::empty(station as u8 + 1, self.errors[station]);
-        pose.position = Some(told_cm(self.hemispheres[station], position_cm).map(|x| x * unit));
+        pose.position = Some(reported_cm(self.hemispheres[station], position_cm).map(|x| x * unit));
         pose.quaternion_wxyz = Some(q);
         pose.euler_deg = Some(euler_deg(q));
         pose.cosines = cosines(q).map(Some);
@@ -118,7 +118,7 @@ impl Fastrak {
             }
             _ => {}
         }
-        if answer.is_empty() { UnitAction::Nothing } else { UnitAction::Say(answer) }
+        if answer.is_empty() { UnitAction::Nothing } else { UnitAction::Send(answer) }
     }
 
     fn status(&self) -> Status {
@@ -159,7 +159,7 @@ impl Model for Fastrak {
             Err(not) => {
                 let mut answer = Vec::new();
                 write_error(not.code(), &mut answer);
-                Obeyed { taken, is_command: false, action: UnitAction::Say(answer) }
+                Obeyed { taken, is_command: false, action: UnitAction::Send(answer) }
             }
         })
     }

@@ -59,7 +59,7 @@ pub struct Grabber {
     stream: Option<[i64; 2]>,
     /// Arrival time of the next frame, host ns.
     due_ns: i64,
-    heard_ns: i64,
+    received_ns: i64,
     running: bool,
     items: u64,
     description: Description,
@@ -114,7 +114,7 @@ impl Grabber {
             pool: Pool::new(size[0] as usize * size[1] as usize),
             stream: None,
             due_ns: 0,
-            heard_ns: 0,
+            received_ns: 0,
             running: false,
             items: 0,
             description,
@@ -211,7 +211,7 @@ impl Device for Grabber {
                 self.stream = None;
                 match controls.plugged {
                     false => self.health.enter(State::Absent, "the virtual grabber is unplugged; plug it in", now_ns),
-                    true if now_ns >= self.heard_ns + PATIENCE => {
+                    true if now_ns >= self.received_ns + PATIENCE => {
                         self.health.enter(State::Silent, "the virtual grabber is there and delivers nothing", now_ns);
                     }
                     true => {}
@@ -246,14 +246,14 @@ impl Device for Grabber {
             }
             self.clock.wait_until(self.due_ns);
             let frame = self.frame(began_ns, number, controls.signal);
-            self.heard_ns = self.due_ns;
+            self.received_ns = self.due_ns;
             let seen_ns = self.time_of(began_ns, number + 1);
             self.due_ns = self.arrival(seen_ns);
             self.stream = Some([began_ns, number + 1]);
             if let Some(frame) = frame {
                 let why =
                     if controls.signal { "" } else { "the virtual grabber's input has no signal; check its cable" };
-                self.health.enter(State::Running, why, self.heard_ns);
+                self.health.enter(State::Running, why, self.received_ns);
                 return Ok(Next::Reading(Reading::Frame(frame)));
             }
         }
@@ -302,7 +302,7 @@ mod tests {
         frames
     }
 
-    fn told(frame: &Frame) -> i64 {
+    fn captured_ns(frame: &Frame) -> i64 {
         i64::from_le_bytes(frame.pixels[..8].try_into().unwrap())
     }
 
@@ -318,10 +318,10 @@ mod tests {
                 (frame.stamp.item, frame.stamp.ticks, frame.frame_number),
                 (n as u64, Some(n as u64), Some(n as u64))
             );
-            assert!((30 * MS..=34 * MS).contains(&(frame.stamp.host_ns.unwrap() - told(frame))));
+            assert!((30 * MS..=34 * MS).contains(&(frame.stamp.host_ns.unwrap() - captured_ns(frame))));
         }
         // 200 parts per million of 100 s are 20 ms.
-        let drift = told(&all[2475]) - 3 * SECOND - 99 * SECOND;
+        let drift = captured_ns(&all[2475]) - 3 * SECOND - 99 * SECOND;
         assert!((drift + 99 * MS / 5).abs() < MS / 100, "{drift}");
         assert_eq!((grabber.health().state, grabber.health().received.lost), (State::Running, 0));
     }

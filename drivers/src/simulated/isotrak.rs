@@ -3,7 +3,7 @@
 
 use sonoweave_core::clock::SECOND;
 
-use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
 use crate::tracker::polhemus::fastrak::write::write_error;
 use crate::tracker::polhemus::fastrak::{self, Command, Mode};
@@ -71,7 +71,7 @@ impl Isotrak {
     /// Returns the record of the station with this index.
     fn record(&self, index: usize, placed: Placed) -> Option<Vec<u8>> {
         let Placed { position_cm, quaternion_wxyz: q } = placed;
-        let position = told_cm(self.hemispheres[index], position_cm);
+        let position = reported_cm(self.hemispheres[index], position_cm);
         // Two stations at most.
         let (station, error) = (index as u8 + 1, self.errors[index]);
         let mut record = Vec::new();
@@ -116,11 +116,11 @@ impl Isotrak {
             Command::Centimetres => self.centimetres = true,
             Command::Inches => self.centimetres = false,
             // The layout of the 16 bytes in between is unknown.
-            Command::Status => return UnitAction::Say(b"21S0000  I2  4.0  0\r\n".to_vec()),
+            Command::Status => return UnitAction::Send(b"21S0000  I2  4.0  0\r\n".to_vec()),
             Command::Station(s, on) if station(s) < STATIONS => self.stations[station(s)] = on && !self.stuck,
             Command::AskStations(None) => {
                 let digits = self.stations.map(|on| if on { b'1' } else { b'0' });
-                return UnitAction::Say([&b"2?l"[..], &digits, b"\r\n"].concat());
+                return UnitAction::Send([&b"2?l"[..], &digits, b"\r\n"].concat());
             }
             Command::Hemisphere(s, zenith) if station(s) < STATIONS => self.hemispheres[station(s)] = zenith,
             Command::Reset => {
@@ -147,7 +147,7 @@ impl Isotrak {
 fn refusal(code: i32) -> UnitAction {
     let mut answer = Vec::new();
     write_error(code, &mut answer);
-    UnitAction::Say(answer)
+    UnitAction::Send(answer)
 }
 
 impl Model for Isotrak {

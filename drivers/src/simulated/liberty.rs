@@ -3,7 +3,7 @@
 
 use sonoweave_core::clock::SECOND;
 
-use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
 use crate::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Rate, Stations};
 use crate::tracker::polhemus::liberty::text::Line;
@@ -111,7 +111,7 @@ impl Liberty {
             let text = body.escape_ascii().to_string();
             Line::Reply { station, command, error, body: text.as_bytes() }.write(&mut answer);
         }
-        UnitAction::Say(answer)
+        UnitAction::Send(answer)
     }
 
     fn command(&mut self, command: Command) -> UnitAction {
@@ -168,7 +168,7 @@ impl Liberty {
         let index = usize::from(station) - 1;
         let Placed { position_cm, quaternion_wxyz: q } = placed;
         let unit = if self.centimetres { 1.0 } else { 1.0 / CM_PER_INCH };
-        let mut position = told_cm(self.hemispheres[index], position_cm).map(|x| x * unit);
+        let mut position = reported_cm(self.hemispheres[index], position_cm).map(|x| x * unit);
         if self.since_start < self.early {
             position = position.map(|x| x + 7.5);
         }

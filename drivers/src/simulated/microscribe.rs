@@ -120,7 +120,7 @@ impl Twin {
         std::array::from_fn(|axis| ((joints[axis] + self.offsets[axis]) & MASK) as u16)
     }
 
-    fn say(&mut self, bytes: &[u8], line_baud: u32, at_ns: i64) {
+    fn send(&mut self, bytes: &[u8], line_baud: u32, at_ns: i64) {
         let garbled = line_baud != 0 && line_baud != self.baud;
         self.wire.send(bytes, self.baud, garbled, at_ns + THINKS);
     }
@@ -166,7 +166,7 @@ impl Twin {
             0xc5 => self.session = Session::None,
             0xc2 => {
                 self.set_home(now_ns);
-                self.say(&[0xc2], line_baud, now_ns);
+                self.send(&[0xc2], line_baud, now_ns);
             }
             _ if byte < 0x80 => {
                 let Some(request) = [5, 6]
@@ -180,13 +180,13 @@ impl Twin {
                 Sample::new(self.buttons, None, &self.shown(now_ns)).write(request, &mut answer);
                 self.sampled.push(now_ns);
                 if !self.wire.withholds() {
-                    self.say(&answer, line_baud, now_ns);
+                    self.send(&answer, line_baud, now_ns);
                 }
             }
             _ => {
                 let answer = questions.into_iter().find(|q| q.byte() == byte).and_then(|q| self.answer(q));
                 if let Some(answer) = answer {
-                    self.say(&[&[byte][..], &answer].concat(), line_baud, now_ns);
+                    self.send(&[&[byte][..], &answer].concat(), line_baud, now_ns);
                 }
             }
         }
@@ -228,11 +228,11 @@ impl Peer for Twin {
             if self.session == Session::None && self.input.ends_with(SIGNATURE) {
                 self.session = Session::Signed;
                 self.input.clear();
-                self.say(SIGNATURE, baud, now_ns);
+                self.send(SIGNATURE, baud, now_ns);
             } else if self.session == Session::Signed && self.input.ends_with(BEGIN) {
                 self.session = Session::Begun;
                 self.input.clear();
-                self.say(b"MSCR\0", baud, now_ns);
+                self.send(b"MSCR\0", baud, now_ns);
             }
             if self.input.len() > 64 {
                 self.input.clear();
@@ -245,7 +245,7 @@ impl Peer for Twin {
             return Err(LineError::Gone("unplugged".into()));
         }
         match self.wire.due() {
-            Some(at) if at <= until_ns => Ok(self.wire.take(at.max(now_ns))),
+            Some(at) if at <= until_ns => Ok(self.wire.receive(at.max(now_ns))),
             _ => Ok(None),
         }
     }

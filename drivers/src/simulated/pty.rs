@@ -40,12 +40,12 @@ impl Pty {
         let path =
             other.name().map(PathBuf::from).ok_or_else(|| std::io::Error::other("the pseudo-terminal has no name"))?;
         let ends = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&ends);
+        let stop = Arc::clone(&ends);
         let thread = std::thread::Builder::new().name("twin".into()).spawn(move || {
             // Keeps the other end open, because reading would fail while no host has it open.
             let kept = other;
             let mut patience = WRITE;
-            while !told.load(Ordering::Relaxed) {
+            while !stop.load(Ordering::Relaxed) {
                 if let Err(error) = turn(&*peer, &mut own, &mut patience) {
                     tracing::warn!("a twin's pseudo-terminal: {error}");
                     break;
@@ -84,8 +84,8 @@ fn is_early(error: &std::io::Error) -> bool {
 fn turn<P: Peer + ?Sized>(peer: &Mutex<P>, own: &mut TTYPort, patience: &mut Duration) -> std::io::Result<()> {
     let now = Monotonic.now_ns();
     // A pseudo-terminal has no rate.
-    let said = peer.lock().unwrap_or_else(PoisonError::into_inner).next(0, now, now).map_err(std::io::Error::other)?;
-    if let Some((_, bytes)) = said {
+    let sent = peer.lock().unwrap_or_else(PoisonError::into_inner).next(0, now, now).map_err(std::io::Error::other)?;
+    if let Some((_, bytes)) = sent {
         own.set_timeout(*patience).map_err(std::io::Error::other)?;
         *patience = match own.write_all(&bytes) {
             Ok(()) => (*patience + AGAIN).min(WRITE),
@@ -118,12 +118,12 @@ mod tests {
     /// Sends a kilobyte at a time, each with its number.
     struct Chatter {
         number: u8,
-        heard: Vec<u8>,
+        received: Vec<u8>,
     }
 
     impl Peer for Chatter {
         fn written(&mut self, bytes: &[u8], _baud: u32, _now_ns: i64) {
-            self.heard.extend(bytes);
+            self.received.extend(bytes);
         }
 
         fn next(&mut self, _: u32, now_ns: i64, _: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
@@ -137,8 +137,8 @@ mod tests {
     }
 
     #[test]
-    fn host_that_does_not_read_loses_bytes_but_is_heard() {
-        let chatter = Arc::new(Mutex::new(Chatter { number: 0, heard: Vec::new() }));
+    fn host_that_does_not_read_loses_bytes() {
+        let chatter = Arc::new(Mutex::new(Chatter { number: 0, received: Vec::new() }));
         let (mut own, mut other) = TTYPort::pair().unwrap();
         let mut patience = 20 * AGAIN;
         // A pseudo-terminal holds about four of them.
@@ -148,7 +148,7 @@ mod tests {
         assert!(patience < 5 * AGAIN, "nobody is waited for");
         other.write_all(b"be quiet").unwrap();
         let end = Monotonic.now_ns() + 5 * SECOND;
-        while chatter.lock().unwrap().heard != b"be quiet" {
+        while chatter.lock().unwrap().received != b"be quiet" {
             assert!(Monotonic.now_ns() < end, "not heard");
             turn(&*chatter, &mut own, &mut patience).unwrap();
         }
@@ -158,8 +158,8 @@ mod tests {
         while other.read(&mut buffer).is_ok() {}
         turn(&*chatter, &mut own, &mut patience).unwrap();
         assert!(patience >= AGAIN);
-        let mut said = [0; 1024];
-        other.read_exact(&mut said).unwrap();
-        assert_eq!(said, [chatter.lock().unwrap().number; 1024]);
+        let mut sent = [0; 1024];
+        other.read_exact(&mut sent).unwrap();
+        assert_eq!(sent, [chatter.lock().unwrap().number; 1024]);
     }
 }

@@ -43,7 +43,7 @@ pub struct Twin {
     pub hung: bool,
     input: Vec<u8>,
     busy_ns: i64,
-    says_banner: bool,
+    banner_is_due: bool,
     /// Tick of its next streamed line, since its clock started.
     next_tick: i64,
 }
@@ -72,7 +72,7 @@ impl Twin {
             hung: false,
             input: Vec::new(),
             busy_ns: i64::MIN,
-            says_banner: false,
+            banner_is_due: false,
             next_tick: 0,
         }
     }
@@ -104,7 +104,7 @@ impl Twin {
         self.streams = false;
         self.busy_ns = now_ns + START;
         self.born_ns = self.busy_ns;
-        self.says_banner = true;
+        self.banner_is_due = true;
         self.zero = (self.joints)(now_ns)[self.axis];
     }
 
@@ -134,7 +134,7 @@ impl Twin {
     }
 
     /// Sends a line in its reply format.
-    fn say(&mut self, letter: u8, register: u8, value: u32, line_baud: u32, at_ns: i64) {
+    fn send(&mut self, letter: u8, register: u8, value: u32, line_baud: u32, at_ns: i64) {
         let format = self.of(register::REPLY_FORMAT);
         let blank = if format & 8 != 0 { " " } else { "" };
         let mut line = format!("{}{blank}{register:02X}{blank}{value:08X}{blank}", char::from(letter));
@@ -154,7 +154,7 @@ impl Twin {
     }
 
     fn turn(&self) -> Option<i64> {
-        match (self.plugged && !self.hung, self.says_banner) {
+        match (self.plugged && !self.hung, self.banner_is_due) {
             (false, _) => None,
             (true, true) => Some(self.busy_ns),
             (true, false) => self.streams.then(|| self.time_of(self.next_tick)),
@@ -163,7 +163,7 @@ impl Twin {
 
     fn go_on(&mut self, line_baud: u32, until_ns: i64) {
         while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
-            if std::mem::take(&mut self.says_banner) {
+            if std::mem::take(&mut self.banner_is_due) {
                 self.wire.send(b"QSB-D  0E!\r\n", self.baud, line_baud != 0 && line_baud != self.baud, at);
                 continue;
             }
@@ -173,7 +173,7 @@ impl Twin {
                 continue;
             }
             let count = self.count(at);
-            self.say(b's', register::COUNT, count, line_baud, at);
+            self.send(b's', register::COUNT, count, line_baud, at);
         }
     }
 
@@ -187,7 +187,7 @@ impl Twin {
             Command::Read(register) => {
                 self.streams = false;
                 let value = if register == register::COUNT { self.count(now_ns) } else { self.of(register) };
-                self.say(b'r', register, value, line_baud, now_ns);
+                self.send(b'r', register, value, line_baud, now_ns);
             }
             Command::Write(register, value) => {
                 if register == register::RESET_TIME {
@@ -195,7 +195,7 @@ impl Twin {
                 } else if let Some(kept) = self.registers.get_mut(usize::from(register)) {
                     *kept = value;
                 }
-                self.say(b'w', register, value, line_baud, now_ns);
+                self.send(b'w', register, value, line_baud, now_ns);
             }
             Command::Stream(_) => {
                 self.streams = true;
@@ -249,7 +249,7 @@ impl Peer for Twin {
             // Advances only to the first byte that the host waits for, because the host's answer
             // may change everything after it.
             match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
+                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
                 _ => {}
             }
             match self.turn() {

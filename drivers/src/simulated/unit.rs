@@ -53,7 +53,7 @@ pub enum UnitAction {
     /// Nothing visible.
     Nothing,
     /// Sends an answer.
-    Say(Vec<u8>),
+    Send(Vec<u8>),
     /// Sends a record of each station.
     Poll,
     /// Sends an answer and starts a stream.
@@ -149,7 +149,7 @@ impl<M: Model> Simulated<M> {
     }
 
     /// Sends bytes; returns whether they will arrive intact.
-    fn say(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
+    fn send(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
         self.wire.send(bytes, self.bits(), self.mistakes(line_baud), now_ns)
     }
 
@@ -171,13 +171,13 @@ impl<M: Model> Simulated<M> {
                 self.collected.extend(record);
                 true
             } else {
-                self.say(&record, line_baud, sent_ns)
+                self.send(&record, line_baud, sent_ns)
             };
             self.harmed += u64::from(!whole);
         }
         if collects > 0 && self.collected.len() >= collects {
             let collected = std::mem::take(&mut self.collected);
-            self.say(&collected, line_baud, sent_ns);
+            self.send(&collected, line_baud, sent_ns);
         }
     }
 
@@ -238,12 +238,12 @@ impl<M: Model> Peer for Simulated<M> {
             }
             match action {
                 UnitAction::Nothing => {}
-                UnitAction::Say(answer) => {
-                    self.say(&answer, baud, now_ns);
+                UnitAction::Send(answer) => {
+                    self.send(&answer, baud, now_ns);
                 }
                 UnitAction::Poll => self.measure(baud, now_ns),
                 UnitAction::Stream(answer) => {
-                    self.say(&answer, baud, now_ns);
+                    self.send(&answer, baud, now_ns);
                     self.begin_cycles(now_ns);
                 }
                 UnitAction::Rest(ns) => self.busy_ns = now_ns + ns,
@@ -265,7 +265,7 @@ impl<M: Model> Peer for Simulated<M> {
             // Advances only to the first byte that the host waits for, because the host's answer
             // may change everything after it.
             match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
+                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
                 _ => {}
             }
             match self.cycle.map(|cycle| self.time_of(cycle) + M::SAMPLING_NS) {
@@ -298,7 +298,7 @@ impl<M> DerefMut for Simulated<M> {
 
 /// Returns the reported position for a zenith. The field is the same on the opposite side, and
 /// only the hemisphere distinguishes the two. All zeros follow the sensor.
-pub(super) fn told_cm(zenith: [f32; 3], position_cm: [f64; 3]) -> [f64; 3] {
+pub(super) fn reported_cm(zenith: [f32; 3], position_cm: [f64; 3]) -> [f64; 3] {
     let along: f64 = zenith.iter().zip(position_cm).map(|(z, x)| f64::from(*z) * x).sum();
     if along < 0.0 { position_cm.map(|x| -x) } else { position_cm }
 }

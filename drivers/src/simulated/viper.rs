@@ -3,9 +3,9 @@
 
 use sonoweave_core::clock::SECOND;
 
-use super::unit::{Model, Obeyed, Simulated, UnitAction, euler_deg, told_cm};
+use super::unit::{Model, Obeyed, Simulated, UnitAction, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
-use crate::framing::{Format, Look};
+use crate::framing::{Format, Parsed};
 use crate::tracker::polhemus::viper::command::{Action, Reply, code};
 use crate::tracker::polhemus::viper::write::FrameToWrite;
 use crate::tracker::polhemus::viper::{self, MOST_SENSORS, OrientationUnit, PositionUnit, Record, Sensor};
@@ -115,30 +115,30 @@ impl CommandWords<'_> {
 
 impl Viper {
     /// Obeys a command and returns the answer; `None` if the command is wrong.
-    fn command(&mut self, told: &CommandWords<'_>) -> Option<Vec<u8>> {
+    fn command(&mut self, words: &CommandWords<'_>) -> Option<Vec<u8>> {
         let mut answer = Vec::new();
-        match (told.command, told.action) {
+        match (words.command, words.action) {
             (code::UNITS, Action::Set) => {
-                let units = [told.word(0)?, told.word(1)?];
+                let units = [words.word(0)?, words.word(1)?];
                 let known = units[0] < POSITION_UNITS.len() as u32 && units[1] < ORIENTATION_UNITS.len() as u32;
                 self.units = known.then_some(units)?;
             }
             (code::UNITS, Action::Get) => answer.extend(self.units.map(u32::to_le_bytes).concat()),
-            (code::FRAME_RATE, Action::Set) => self.rate = told.word(0).filter(|rate| *rate < RATES.len() as u32)?,
+            (code::FRAME_RATE, Action::Set) => self.rate = words.word(0).filter(|rate| *rate < RATES.len() as u32)?,
             (code::FRAME_RATE, Action::Get) => answer.extend(self.rate.to_le_bytes()),
             (code::HEMISPHERE, Action::Set) => {
-                self.tracks = told.word(0)? & 1 != 0;
-                self.hemisphere = [1, 2, 3].map(|index| told.word(index).map_or(0.0, f32::from_bits));
+                self.tracks = words.word(0)? & 1 != 0;
+                self.hemisphere = [1, 2, 3].map(|index| words.word(index).map_or(0.0, f32::from_bits));
             }
-            (code::FILTER, Action::Set) => self.filter = told.word(0)?,
+            (code::FILTER, Action::Set) => self.filter = words.word(0)?,
             (code::TIP_OFFSET, Action::Reset) => self.tip_cm = 0.0,
             (code::INCREMENT, Action::Reset) => self.increment = false,
             (code::BORESIGHT, Action::Reset) => self.boresight = false,
             (code::STATION_MAP, Action::Get) => answer.extend((u32::from(self.sensors) | 1 << 24).to_le_bytes()),
             (code::WHO_AM_I, Action::Get) => answer.extend(b"A virtual VIPER\0"),
             (code::CONTINUOUS_PNO, Action::Set) => {
-                (self.continuous, self.accelerations) = (true, told.mode == 1);
-                if told.word(0)? == 0 {
+                (self.continuous, self.accelerations) = (true, words.mode == 1);
+                if words.word(0)? == 0 {
                     self.frame = self.zero;
                 }
             }
@@ -152,8 +152,8 @@ impl Viper {
         let done = |is_command, action| Obeyed { taken: 0, is_command, action };
         let Some(action) = command.action() else { return done(false, UnitAction::Nothing) };
         let mode = command.arguments[1];
-        let told = CommandWords { command: command.command, action, mode, payload: command.payload };
-        match (told.command, action) {
+        let words = CommandWords { command: command.command, action, mode, payload: command.payload };
+        match (words.command, action) {
             (code::INITIALIZE, Action::Set) => {
                 self.deaf = false;
                 (self.units, self.continuous, self.frame) = ([0, 0], false, self.zero);
@@ -163,7 +163,7 @@ impl Viper {
             (code::SINGLE_PNO, Action::Get) => return done(true, UnitAction::Poll),
             _ => {}
         }
-        let answer = if self.refuses.contains(&told.command) { None } else { self.command(&told) };
+        let answer = if self.refuses.contains(&words.command) { None } else { self.command(&words) };
         let is_command = answer.is_some();
         let (action, payload) = match answer {
             Some(payload) => (Action::Ack, payload),
@@ -175,8 +175,8 @@ impl Viper {
         };
         let mut bytes = Vec::new();
         Reply { unit: UNIT, action: action as u32, payload: &payload, ..*command }.write(&mut bytes);
-        let streams = is_command && self.continuous && told.command == code::CONTINUOUS_PNO;
-        done(is_command, if streams { UnitAction::Stream(bytes) } else { UnitAction::Say(bytes) })
+        let streams = is_command && self.continuous && words.command == code::CONTINUOUS_PNO;
+        done(is_command, if streams { UnitAction::Stream(bytes) } else { UnitAction::Send(bytes) })
     }
 
     /// Returns the measurement of the sensor with this index, as the unit reports it.
@@ -200,7 +200,7 @@ impl Viper {
             buttons: self.buttons,
             distortion: self.distortion,
             auxiliary: 0,
-            position: told_cm(zenith, position_cm).map(|x| ((x + self.tip_cm) * scale) as f32),
+            position: reported_cm(zenith, position_cm).map(|x| ((x + self.tip_cm) * scale) as f32),
             orientation: orientation.map(|x| x as f32),
             acceleration: self.accelerations.then_some([0.0; 4]),
         }
@@ -222,14 +222,14 @@ impl Model for Viper {
         // The format is cloned because its records borrow from it; with checksums it has no state
         // to keep.
         let mut format = self.format.clone();
-        match format.look(input) {
-            Look::Record { length, record: Record::Reply(command) } => {
+        match format.parse(input) {
+            Parsed::Record { length, record: Record::Reply(command) } => {
                 Some(Obeyed { taken: length, ..self.obey_command(&command) })
             }
-            Look::Record { length: taken, .. } | Look::Skip { bytes: taken, .. } => {
+            Parsed::Record { length: taken, .. } | Parsed::Skip { bytes: taken, .. } => {
                 Some(Obeyed { taken, is_command: false, action: UnitAction::Nothing })
             }
-            Look::Short => None,
+            Parsed::Short => None,
         }
     }
 

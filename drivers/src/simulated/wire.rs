@@ -104,7 +104,7 @@ impl Wire {
     }
 
     /// Returns all bytes that have arrived at `now_ns`, and the arrival time of the last.
-    pub fn take(&mut self, now_ns: i64) -> Option<(i64, Vec<u8>)> {
+    pub fn receive(&mut self, now_ns: i64) -> Option<(i64, Vec<u8>)> {
         let mut taken: Option<(i64, Vec<u8>)> = None;
         while self.due().is_some_and(|at| at <= now_ns) {
             let Some((at, mut bytes)) = self.on_the_way.pop_front() else { break };
@@ -138,8 +138,8 @@ mod tests {
         wire.send(&[4], 9600, false, MS);
         assert_eq!(wire.due(), Some(3 * 10 * SECOND / 9600));
         assert!(!wire.is_idle(4 * MS) && wire.is_idle(5 * MS));
-        assert_eq!(wire.take(4 * MS).unwrap().1, [1, 2, 3]);
-        assert_eq!(wire.take(5 * MS).unwrap(), (3 * 10 * SECOND / 9600 + 10 * SECOND / 9600, vec![4]));
+        assert_eq!(wire.receive(4 * MS).unwrap().1, [1, 2, 3]);
+        assert_eq!(wire.receive(5 * MS).unwrap(), (3 * 10 * SECOND / 9600 + 10 * SECOND / 9600, vec![4]));
     }
 
     #[test]
@@ -155,7 +155,7 @@ mod tests {
             while let Some(due) = wire.due() {
                 assert!(due >= last, "nothing overtakes");
                 last = due;
-                there.extend(wire.take(due).unwrap().1);
+                there.extend(wire.receive(due).unwrap().1);
             }
             (there, wire.tally())
         };
@@ -175,8 +175,8 @@ mod tests {
         for n in 0..6 {
             wire.send(&[n], 115_200, false, i64::from(n) * 8 * MS);
         }
-        assert_eq!(wire.take(15 * MS), None);
-        assert_eq!(wire.take(16 * MS), Some((16 * MS, vec![0, 1])));
-        assert_eq!(wire.take(48 * MS), Some((48 * MS, vec![2, 3, 4, 5])));
+        assert_eq!(wire.receive(15 * MS), None);
+        assert_eq!(wire.receive(16 * MS), Some((16 * MS, vec![0, 1])));
+        assert_eq!(wire.receive(48 * MS), Some((48 * MS, vec![2, 3, 4, 5])));
     }
 }

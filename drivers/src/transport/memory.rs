@@ -57,7 +57,7 @@ struct Line<P> {
     left: VecDeque<u8>,
 }
 
-fn told<P>(peer: &Mutex<P>) -> MutexGuard<'_, P> {
+fn locked<P>(peer: &Mutex<P>) -> MutexGuard<'_, P> {
     peer.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -67,7 +67,7 @@ impl<P: Peer + 'static> Opener for MemoryOpener<P> {
     }
 
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
-        told(&self.peer).open(self.clock.now_ns())?;
+        locked(&self.peer).open(self.clock.now_ns())?;
         let left = VecDeque::new();
         Ok(Box::new(Line { peer: Arc::clone(&self.peer), clock: self.clock.clone(), baud: self.baud, left }))
     }
@@ -77,7 +77,7 @@ impl<P: Peer> Transport for Line<P> {
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
         if self.left.is_empty() {
             let now = self.clock.now_ns();
-            match told(&self.peer).next(self.baud, now, deadline_ns.max(now))? {
+            match locked(&self.peer).next(self.baud, now, deadline_ns.max(now))? {
                 Some((at_ns, bytes)) => {
                     self.clock.wait_until(at_ns);
                     self.left.extend(bytes);
@@ -93,7 +93,7 @@ impl<P: Peer> Transport for Line<P> {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
-        told(&self.peer).written(bytes, self.baud, self.clock.now_ns());
+        locked(&self.peer).written(bytes, self.baud, self.clock.now_ns());
         Ok(())
     }
 

@@ -25,7 +25,7 @@ use sonoweave_core::clock::SECOND;
 /// Result of one read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received {
-    /// Number of bytes at the front of the buffer; 0 if the deadline passed before any came.
+    /// Number of bytes at the front of the buffer; 0 if the deadline passed before any arrived.
     pub bytes: usize,
     /// Arrival time of the last byte, host ns.
     pub at_ns: i64,

@@ -86,9 +86,9 @@ pub fn list() -> Vec<Listing> {
             let path = Path::new(&port.port_name);
             let of = match port.port_type {
                 SerialPortType::UsbPort(usb) => {
-                    let said: Vec<String> = [usb.manufacturer, usb.product].into_iter().flatten().collect();
-                    let said = if said.is_empty() { "USB adapter".into() } else { said.join(" ") };
-                    format!("{said} ({:04x}:{:04x})", usb.vid, usb.pid)
+                    let text: Vec<String> = [usb.manufacturer, usb.product].into_iter().flatten().collect();
+                    let text = if text.is_empty() { "USB adapter".into() } else { text.join(" ") };
+                    format!("{text} ({:04x}:{:04x})", usb.vid, usb.pid)
                 }
                 SerialPortType::PciPort => "built-in serial line".into(),
                 SerialPortType::BluetoothPort => "Bluetooth serial line".into(),
@@ -127,15 +127,15 @@ fn refusal(path: &Path, error: &serialport::Error) -> LineError {
         return LineError::Denied;
     }
     // The crate reports the system's reason only as text.
-    let said = error.to_string();
-    let is_taken = ["busy", "exclusive lock"].iter().any(|word| said.to_ascii_lowercase().contains(word));
+    let text = error.to_string();
+    let is_taken = ["busy", "exclusive lock"].iter().any(|word| text.to_ascii_lowercase().contains(word));
     if is_taken {
         return LineError::Refused(match super::holder(path) {
             Some(who) => format!("another program has it open, {who}; close that"),
             None => "another program has it open; close that (a modem manager may try new lines, too)".into(),
         });
     }
-    LineError::Refused(said)
+    LineError::Refused(text)
 }
 
 /// Sets the adapter's latency timer to 1 ms: FTDI chips hold bytes back for up to 16 ms

@@ -43,15 +43,15 @@ impl TcpOpener {
     }
 
     fn begin(&self) -> Receiver<Result<TcpStream, LineError>> {
-        let (told, outcome) = channel();
+        let (sender, outcome) = channel();
         let address = self.address.clone();
         let connecting = std::thread::Builder::new().name("connect".into()).spawn(move || {
             // The opener may have been dropped.
-            let _ = told.send(connect(&address));
+            let _ = sender.send(connect(&address));
         });
         if let Err(error) = connecting {
-            let (told, outcome) = channel();
-            let _ = told.send(Err(LineError::Failed(format!("cannot start a thread to connect: {error}"))));
+            let (sender, outcome) = channel();
+            let _ = sender.send(Err(LineError::Failed(format!("cannot start a thread to connect: {error}"))));
             return outcome;
         }
         outcome

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use drivers::arm::ea1::command::Command;
 use drivers::arm::ea1::{Ea1, Framing, Identity, LONGEST_SAMPLE, Record, Sample, error, flag};
-use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::framing::{Decoder, Format, Parsed, Refusal};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -31,7 +31,7 @@ fn lines_and_blocks_match_document() {
     let block = Sample { flags: flag::HOMED[0], framing: Framing::Blocks, ..sample() };
     for (sample, bytes) in [(sample(), LINE), (block, &BLOCK)] {
         let record = Record::Sample(sample);
-        assert_eq!(Ea1::new().look(bytes), Look::Record { length: bytes.len(), record });
+        assert_eq!(Ea1::new().parse(bytes), Parsed::Record { length: bytes.len(), record });
         assert_eq!(written(&record), bytes);
     }
     assert_eq!(flag::KNOWN, flag::HOMED.iter().chain(&flag::FAULT).sum::<u16>() + flag::BUTTON + flag::OVERRUN);
@@ -64,7 +64,7 @@ fn longest_sample_has_stated_length() {
     // Two more digits of flags than are written would be accepted.
     assert_eq!(line.len() + 2, LONGEST_SAMPLE);
     let buttons = Sample { buttons: 1, ..sample };
-    assert_eq!(Ea1::new().look(&line), Look::Record { length: line.len(), record: Record::Sample(buttons) });
+    assert_eq!(Ea1::new().parse(&line), Parsed::Record { length: line.len(), record: Record::Sample(buttons) });
 }
 
 #[test]

@@ -306,7 +306,7 @@ fn pose(station: u8) -> impl Strategy<Value = Pose> {
 }
 
 /// Returns the parts of a pose that the layout contains.
-fn asked(pose: &Pose, layout: &Layout) -> Pose {
+fn requested(pose: &Pose, layout: &Layout) -> Pose {
     use drivers::tracker::polhemus::fastrak::Item;
     let has = |item| layout.entries().iter().any(|entry| entry.item == item);
     Pose {
@@ -331,7 +331,7 @@ proptest! {
         let mut stream = Vec::new();
         records.iter().for_each(|pose| pose.write(&layout, &mut stream));
         let (found, losses) = decode_any_cut(&format, &stream, &pieces);
-        let expected: Vec<_> = records.iter().map(|pose| format!("{:?}", Record::Pose(&asked(pose, &layout)))).collect();
+        let expected: Vec<_> = records.iter().map(|pose| format!("{:?}", Record::Pose(&requested(pose, &layout)))).collect();
         prop_assert_eq!(found.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), expected);
         prop_assert_eq!(losses.bytes_skipped, 0);
     }

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::framing::{Decoder, Format, Parsed, Refusal};
 use drivers::tracker::polhemus::ListError;
 use drivers::tracker::polhemus::fastrak::{self, Fastrak, Mode};
 use drivers::tracker::polhemus::isotrak::{CM_PER_COUNT, Isotrak, Layout, PRESSED, Pose, Record};
@@ -30,7 +30,7 @@ fn sample() -> Pose {
 fn seven_bit_packing_roundtrips() {
     assert_eq!(layout().length(), 20);
     let mut format = Isotrak::new(1, layout());
-    assert_eq!(format.look(&SAMPLE), Look::Record { length: 20, record: Record::Pose(&sample()) });
+    assert_eq!(format.parse(&SAMPLE), Parsed::Record { length: 20, record: Record::Pose(&sample()) });
     let metres = sample().position_counts.unwrap().map(|counts| f64::from(counts) * CM_PER_COUNT / 100.0);
     for (metres, expected) in metres.into_iter().zip([0.25, -0.10, 0.50]) {
         assert!((metres - expected).abs() < 0.5 * CM_PER_COUNT / 100.0, "{metres} is not {expected} to the count");

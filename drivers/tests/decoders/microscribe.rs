@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use drivers::arm::microscribe::{
     Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE,
 };
-use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::framing::{Decoder, Format, Parsed, Refusal};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -18,7 +18,7 @@ fn samples_are_read_and_written() {
     assert_eq!((six().byte(), six().length()), (0x03, 14));
     let bytes = [0x83, 0x02, 0x00, 0x01, 0x01, 0x00, 0x7F, 0x7F, 0x40, 0x00, 0x00, 0x00, 0x12, 0x34];
     let sample = Sample::new(2, None, &[1, 128, 16_383, 8192, 0, 0x12 << 7 | 0x34]);
-    assert_eq!(Samples::new(six()).look(&bytes), Look::Record { length: 14, record: sample });
+    assert_eq!(Samples::new(six()).parse(&bytes), Parsed::Record { length: 14, record: sample });
     let mut written = Vec::new();
     sample.write(six(), &mut written);
     assert_eq!(written, bytes);

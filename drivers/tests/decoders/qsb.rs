@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use drivers::arm::qsb::{Cause, Command, Qsb, Record, Value, register};
-use drivers::framing::{Format, Look, Refusal};
+use drivers::framing::{Format, Parsed, Refusal};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -21,7 +21,7 @@ fn written(record: &Record<'_>) -> Vec<u8> {
 
 #[test]
 fn lines_match_manual() {
-    assert_eq!(Qsb.look(LINE), Look::Record { length: 26, record: Record::Value(value()) });
+    assert_eq!(Qsb.parse(LINE), Parsed::Record { length: 26, record: Record::Value(value()) });
     assert_eq!(written(&Record::Value(value())), LINE);
     assert_eq!(value().value.cast_signed(), -300);
 }

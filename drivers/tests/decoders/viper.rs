@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::framing::{Decoder, Format, Parsed, Refusal};
 use drivers::tracker::polhemus::viper::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
 use drivers::tracker::polhemus::viper::write::FrameToWrite;
 use drivers::tracker::polhemus::viper::{OrientationUnit, PositionUnit, Record, Sensor, Viper};
@@ -44,7 +44,7 @@ fn written(frame: &FrameToWrite<'_>) -> Vec<u8> {
 #[test]
 fn frames_match_manufacturer_header() {
     let mut format = Viper::new(1);
-    let Look::Record { length: 60, record: Record::Frame(read) } = format.look(&SAMPLE) else {
+    let Parsed::Record { length: 60, record: Record::Frame(read) } = format.parse(&SAMPLE) else {
         panic!("a good frame was refused");
     };
     assert_eq!((read.unit, read.frame_count, read.accelerations, read.test), (1, 7, false, 0));
@@ -68,7 +68,7 @@ fn every_bit_has_a_field() {
     };
     let bytes = written(&FrameToWrite { accelerations: true, test: 0xC, ..frame(&[sensor]) });
     let mut format = Viper::new(1);
-    let Look::Record { record: Record::Frame(read), .. } = format.look(&bytes) else {
+    let Parsed::Record { record: Record::Frame(read), .. } = format.parse(&bytes) else {
         panic!("a good frame was refused");
     };
     assert!(read.accelerations && read.test == 0xC);
@@ -124,7 +124,10 @@ fn commands_match_bytes() {
     ] {
         let bytes = command.bytes();
         let expected = Reply { unit: ALL, command: number, action: action as u32, arguments, payload: &payload };
-        assert_eq!(Viper::new(1).look(&bytes), Look::Record { length: bytes.len(), record: Record::Reply(expected) });
+        assert_eq!(
+            Viper::new(1).parse(&bytes),
+            Parsed::Record { length: bytes.len(), record: Record::Reply(expected) }
+        );
         assert_eq!(expected.action(), Some(action));
     }
 }

@@ -114,26 +114,26 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
     }
 
     /// Returns how often the unit received these bytes.
-    pub(crate) fn times_told(&self, bytes: &[u8]) -> usize {
+    pub(crate) fn times_sent(&self, bytes: &[u8]) -> usize {
         self.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == bytes).count()
     }
 
     /// Returns the commands that the unit received, as text.
-    pub(crate) fn told(&self) -> Vec<String> {
+    pub(crate) fn reported(&self) -> Vec<String> {
         self.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
     }
 }
 
-/// Runs a twin in real time on a pseudo-terminal until it has delivered `wanted` poses. Then
+/// Runs a twin in real time on a pseudo-terminal until it has delivered `expected` poses. Then
 /// the twin hangs up, and the driver must notice.
-pub(crate) fn on_a_terminal(twin: impl Peer + 'static, unit: impl Protocol, wanted: usize) -> Vec<Pose> {
+pub(crate) fn on_a_terminal(twin: impl Peer + 'static, unit: impl Protocol, expected: usize) -> Vec<Pose> {
     let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
     let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 9600 }, Arc::new(Monotonic));
     let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
     device.start().unwrap();
     let end = Monotonic.now_ns() + 20 * SECOND;
     let mut poses = Vec::new();
-    while poses.len() < wanted {
+    while poses.len() < expected {
         assert!(Monotonic.now_ns() < end, "{:?}", device.health());
         match device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
             Next::Reading(Reading::Pose(pose)) => poses.push(pose),
@@ -162,7 +162,7 @@ pub(crate) fn ticking() -> Motion {
 
 /// Returns the time encoded in a position of [`ticking`], ns, at most an eighth of a ms too
 /// early.
-pub(crate) fn time_told(pose: &Pose) -> i64 {
+pub(crate) fn time_of(pose: &Pose) -> i64 {
     ((pose.position_cm[0] - 1.0) * 4096.0).round() as i64 * (MS / 8) + BEGIN
 }
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::Settings;
-use drivers::arm::ea1::{Framing, Record, Sample, Speech, Unit};
+use drivers::arm::ea1::{Framing, Record, Sample, SampleFormat, Unit};
 use drivers::connection::{Connection, Protocol};
 use drivers::simulated::ea1::Twin;
 use drivers::simulated::{Faults, Pty};
@@ -15,16 +15,16 @@ use sonoweave_core::reading::{Counts, Reading, Status};
 use sonoweave_core::{Device, Next};
 
 use crate::bench::{BEGIN, Rig, refused_setting, replays};
-use crate::joints::{SOON, at_rest, counts, is_true, moving, said, split};
+use crate::joints::{SOON, at_rest, counts, is_true, moving, split, text};
 
-fn rig(twin: Twin, settings: Settings, speech: Speech) -> Rig<Twin, Unit> {
-    let mut rig = Rig::new(twin, Unit::new("a line", settings, speech).unwrap(), false);
+fn rig(twin: Twin, settings: Settings, format: SampleFormat) -> Rig<Twin, Unit> {
+    let mut rig = Rig::new(twin, Unit::new("a line", settings, format).unwrap(), false);
     rig.device.start().unwrap();
     rig
 }
 
 fn usual() -> Rig<Twin, Unit> {
-    rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Lines)
+    rig(Twin::new(moving(), Faults::default()), Settings::default(), SampleFormat::Lines)
 }
 
 /// Waits until the arm runs, and homes it.
@@ -48,12 +48,12 @@ fn born(rig: &Rig<Twin, Unit>) -> i64 {
 
 #[test]
 fn counts_match_joints_at_stamp_times() {
-    for (speech, bytes) in [(Speech::Lines, 45), (Speech::Blocks, 29)] {
-        let mut rig = rig(Twin::new(moving(), Faults::default()), Settings::default(), speech);
+    for (format, bytes) in [(SampleFormat::Lines, 45), (SampleFormat::Blocks, 29)] {
+        let mut rig = rig(Twin::new(moving(), Faults::default()), Settings::default(), format);
         let took = rig.until(State::Running, SOON);
         assert!((1600 * MS..2000 * MS).contains(&took), "it starts in 1.6 s: {} ms", took / MS);
         let before = rig.readings(100 * MS);
-        assert!(counts(before).iter().all(|c| c.homed == 0 && said(c).contains("not homed")));
+        assert!(counts(before).iter().all(|c| c.homed == 0 && text(c).contains("not homed")));
         assert!(rig.device.health().why.contains("home it"), "{}", rig.device.health().why);
         rig = homed(rig);
         assert_eq!(rig.device.health().why, "");
@@ -71,7 +71,7 @@ fn counts_match_joints_at_stamp_times() {
             assert!(is_true(&moving(), c, time - 1000, 3000, &zeros), "{c:?}");
             let late = c.stamp.host_ns.unwrap() - time;
             // The sample's own bytes, and sometimes an answer before them.
-            assert!((2 * MS..8 * MS).contains(&late) || speech == Speech::Lines && late < 8 * MS, "{late}");
+            assert!((2 * MS..8 * MS).contains(&late) || format == SampleFormat::Lines && late < 8 * MS, "{late}");
         }
         let received = rig.device.health().received;
         assert_eq!((received.set_up, received.lost, received.refused, received.skipped), (1, 0, 0, received.skipped));
@@ -105,15 +105,15 @@ fn arm_in_any_initial_state_is_set_up() {
         if left & 8 != 0 {
             twin.leave_on_the_line(b"00,1024,-300,65536,07*1E\r\n\x04\x01\x03", BEGIN);
         }
-        let wanted = if left & 16 != 0 { Speech::Blocks } else { Speech::Lines };
-        let mut rig = rig(twin, Settings::default(), wanted);
+        let expected = if left & 16 != 0 { SampleFormat::Blocks } else { SampleFormat::Lines };
+        let mut rig = rig(twin, Settings::default(), expected);
         let took = rig.until(State::Running, SOON);
         // Waiting is in vain for an arm that is quiet and was not started.
         let most = if left & 3 == 0 { 2700 * MS } else { 2000 * MS };
         assert!(took < most, "{left}: {} ms", took / MS);
         assert!(counts(rig.readings(SECOND)).len() > 98, "{left}");
         let framing = rig.twin.lock().unwrap().framing;
-        assert_eq!(framing == Framing::Blocks, wanted == Speech::Blocks);
+        assert_eq!(framing == Framing::Blocks, expected == SampleFormat::Blocks);
     }
 }
 
@@ -121,7 +121,7 @@ fn arm_in_any_initial_state_is_set_up() {
 fn sent_commands_match_document() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.starts_when_opened = false;
-    let mut rig = rig(twin, Settings { rate_hz: 150, ..Settings::default() }, Speech::Lines);
+    let mut rig = rig(twin, Settings { rate_hz: 150, ..Settings::default() }, SampleFormat::Lines);
     rig.until(State::Running, SOON);
     rig.readings(500 * MS);
     rig.device.protocol_mut().home(5);
@@ -176,12 +176,12 @@ fn jump_requires_homing() {
     let [before, after] = split(counts(rig.readings(SECOND)), |c| c.status != Status::Ok);
     assert!(before.len() <= 1 && after.len() > 97);
     assert!(
-        said(&after[0]).starts_with("axis 2 of 3 jumped by ") && said(&after[0]).ends_with("home it"),
+        text(&after[0]).starts_with("axis 2 of 3 jumped by ") && text(&after[0]).ends_with("home it"),
         "{}",
-        said(&after[0])
+        text(&after[0])
     );
-    assert!(said(&after[0]).contains("499") || said(&after[0]).contains("500"), "{}", said(&after[0]));
-    assert!(after.iter().all(|c| c.homed == 0b101 && said(c).contains("axis 2")), "until it is homed");
+    assert!(text(&after[0]).contains("499") || text(&after[0]).contains("500"), "{}", text(&after[0]));
+    assert!(after.iter().all(|c| c.homed == 0b101 && text(c).contains("axis 2")), "until it is homed");
     assert!(after.windows(2).all(|two| two[0].stamp.ticks < two[1].stamp.ticks), "each, and in order");
     assert!(rig.device.health().why.starts_with("axis 2 of 3 jumped by"), "{}", rig.device.health().why);
     let lost = rig.device.health().received.lost;
@@ -213,7 +213,7 @@ fn restarted_arm_resumes_and_requires_homing() {
     // The arm is silent for 1.6 s, and runs within 2 s of its identification.
     let first = after[0].stamp.host_ns.unwrap() - now;
     assert!(first < 3600 * MS, "{} ms", first / MS);
-    assert!(after.iter().all(|c| c.homed == 0 && said(c).contains("home")));
+    assert!(after.iter().all(|c| c.homed == 0 && text(c).contains("home")));
     // A power-supply glitch in the middle of samples: the arm continues at once.
     let mut rig = homed(rig);
     {
@@ -222,7 +222,7 @@ fn restarted_arm_resumes_and_requires_homing() {
         twin.set_clock(rig.clock.now_ns(), 0);
     }
     let [_, after] = split(counts(rig.readings(SECOND)), |c| c.homed != 7);
-    assert!(after.len() > 97 && said(&after[0]).contains("begun anew"), "{}", said(&after[0]));
+    assert!(after.len() > 97 && text(&after[0]).contains("begun anew"), "{}", text(&after[0]));
     assert!(rig.device.health().why.contains("begun anew"), "{}", rig.device.health().why);
 }
 
@@ -231,7 +231,7 @@ fn index_marks_home_arm_without_jump() {
     let mut twin = Twin::new(moving(), Faults::default());
     // Two marks are passed 4 s and 5 s after the beginning; the third never is.
     twin.marks = [Some(40_000), Some(-15_000), Some(9_999)];
-    let mut rig = rig(twin, Settings::default(), Speech::Lines);
+    let mut rig = rig(twin, Settings::default(), SampleFormat::Lines);
     let found = counts(rig.readings(8 * SECOND));
     let masks = found.iter().fold(vec![0], |mut masks, c| {
         if masks.last() != Some(&c.homed) {
@@ -249,7 +249,7 @@ fn index_marks_home_arm_without_jump() {
         3000,
         &[40_000, -15_000, rig.twin.lock().unwrap().zeros[2]]
     ));
-    assert!(said(last).contains("axis 3 is not homed"), "{}", said(last));
+    assert!(text(last).contains("axis 3 is not homed"), "{}", text(last));
     assert_eq!(rig.device.health().received.refused, 0);
 }
 
@@ -260,7 +260,7 @@ fn flags_qualify_readings() {
     rig.twin.lock().unwrap().buttons = 1;
     let last = counts(rig.readings(100 * MS)).pop().unwrap();
     assert_eq!((last.homed, last.buttons), (0b011, 1));
-    assert!(said(&last).starts_with("axis 3 has lost steps"), "{}", said(&last));
+    assert!(text(&last).starts_with("axis 3 has lost steps"), "{}", text(&last));
     let mut rig = homed(rig);
     rig.twin.lock().unwrap().rate_hz = 400;
     let begin = rig.twin.lock().unwrap().sampled;
@@ -297,8 +297,8 @@ fn lost_homing_answer_is_handled() {
 
 #[test]
 fn lost_bytes_count_as_lost_readings_without_wrong_ones() {
-    for speech in [Speech::Lines, Speech::Blocks] {
-        let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), speech));
+    for format in [SampleFormat::Lines, SampleFormat::Blocks] {
+        let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), format));
         rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
         let (zeros, before) = (rig.twin.lock().unwrap().zeros, rig.device.health().received);
         let begin = rig.twin.lock().unwrap().sampled;
@@ -306,7 +306,7 @@ fn lost_bytes_count_as_lost_readings_without_wrong_ones() {
         let end = rig.twin.lock().unwrap().sampled;
         let born = born(&rig);
         let wrong = found.iter().filter(|c| !is_true(&moving(), c, time_of(c, born) - 1000, 3000, &zeros)).count();
-        assert_eq!(wrong, 0, "{speech:?}");
+        assert_eq!(wrong, 0, "{format:?}");
         assert!(found.iter().all(|c| c.status == Status::Ok));
         let received = rig.device.health().received;
         let lost = received.lost - before.lost;
@@ -322,7 +322,7 @@ fn damage_missed_by_checksum_is_detected() {
     let damages: [fn(&mut Sample); 4] =
         [|s| s.seq += 2, |s| s.seq -= 4, |s| s.t_us += 100_000, |s| s.counts[1] += 100_000];
     for (kind, damage) in damages.into_iter().enumerate() {
-        let mut unit = Unit::new("x", Settings::default(), Speech::Lines).unwrap();
+        let mut unit = Unit::new("x", Settings::default(), SampleFormat::Lines).unwrap();
         unit.resume();
         let (mut found, mut bytes) = (VecDeque::new(), Vec::new());
         for n in 0..10 {
@@ -339,7 +339,7 @@ fn damage_missed_by_checksum_is_detected() {
             }
             bytes.clear();
             Record::Sample(sample).write(&mut bytes);
-            unit.take(&bytes, BEGIN + i64::from(n) * 10 * MS, &mut found);
+            unit.decode(&bytes, BEGIN + i64::from(n) * 10 * MS, &mut found);
         }
         assert_eq!(found.len(), 9, "{kind}");
         for (c, n) in counts(found.into()).iter().zip((0..10).filter(|n| *n != 5)) {
@@ -356,7 +356,7 @@ fn damage_missed_by_checksum_is_detected() {
 
 #[test]
 fn noise_gives_no_wrong_sample() {
-    let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Blocks));
+    let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), SampleFormat::Blocks));
     let zeros = rig.twin.lock().unwrap().zeros;
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.01, ..Faults::default() });
     let found = counts(rig.readings(60 * SECOND));
@@ -385,7 +385,7 @@ fn unplugged_arm_is_absent_then_runs_again() {
         let back = rig.until(State::Running, SOON);
         assert!(back < 1600 * MS + SECOND / 2, "{} ms", back / MS);
         let first = counts(rig.readings(100 * MS)).remove(0);
-        assert!(first.homed == 0 && said(&first).contains("home it"));
+        assert!(first.homed == 0 && text(&first).contains("home it"));
     }
 }
 
@@ -393,7 +393,7 @@ fn unplugged_arm_is_absent_then_runs_again() {
 fn hung_arm_is_silent_not_absent() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.starts_when_opened = false;
-    let mut rig = homed(rig(twin, Settings::default(), Speech::Lines));
+    let mut rig = homed(rig(twin, Settings::default(), SampleFormat::Lines));
     rig.twin.lock().unwrap().hung = true;
     let noticed = rig.until(State::Silent, 2 * SECOND);
     assert!(noticed < 600 * MS, "{} ms", noticed / MS);
@@ -414,11 +414,11 @@ fn bare_numbers_are_refused_or_used_with_a_warning() {
         (twin.bare, twin.rate_hz) = (true, 50);
         twin
     };
-    let mut strict = rig(bare(), Settings::default(), Speech::Lines);
+    let mut strict = rig(bare(), Settings::default(), SampleFormat::Lines);
     assert!(strict.readings(5 * SECOND).is_empty());
     assert_eq!(strict.device.health().state, State::Silent);
     assert!(strict.device.health().why.contains("bare numbers"), "{}", strict.device.health().why);
-    let mut rig = rig(bare(), Settings::default(), Speech::BareNumbers);
+    let mut rig = rig(bare(), Settings::default(), SampleFormat::BareNumbers);
     rig.until(State::Running, SOON);
     assert!(rig.device.health().why.contains("not homed"), "{}", rig.device.health().why);
     rig.device.protocol_mut().home(7);
@@ -437,7 +437,7 @@ fn bare_numbers_are_refused_or_used_with_a_warning() {
 fn mismatched_arm_is_refused() {
     let refused = |counts_per_turn, rate_hz, baud| {
         let settings = Settings { counts_per_turn, rate_hz, baud, ..Settings::default() };
-        let mut rig = rig(Twin::new(at_rest(), Faults::default()), settings, Speech::Lines);
+        let mut rig = rig(Twin::new(at_rest(), Faults::default()), settings, SampleFormat::Lines);
         assert!(rig.readings(4 * SECOND).is_empty());
         rig.device.health().why.clone()
     };
@@ -447,7 +447,7 @@ fn mismatched_arm_is_refused() {
     assert!(why.contains("cannot send 400 samples"), "{why}");
     let why = refused([0; 3], 100, Some(9600));
     assert!(why.contains("does not answer at 9600"), "{why}");
-    let wrong = |settings: Settings| refused_setting(Unit::new("x", settings, Speech::Lines).err());
+    let wrong = |settings: Settings| refused_setting(Unit::new("x", settings, SampleFormat::Lines).err());
     assert_eq!(wrong(Settings { rate_hz: 0, ..Settings::default() }), "rate_hz");
     assert_eq!(wrong(Settings { fastest: 0, ..Settings::default() }), "fastest");
     assert_eq!(wrong(Settings { baud: Some(10), ..Settings::default() }), "baud");
@@ -456,7 +456,7 @@ fn mismatched_arm_is_refused() {
 #[test]
 fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
-    let unit = || Unit::new("a line", Settings::default(), Speech::Lines).unwrap();
+    let unit = || Unit::new("a line", Settings::default(), SampleFormat::Lines).unwrap();
     let mut rig = Rig::new(Twin::new(moving(), faults), unit(), true);
     rig.device.start().unwrap();
     let mut readings = rig.readings(5 * SECOND);
@@ -481,7 +481,7 @@ fn pseudo_terminal_counts_are_exact_until_hangup() {
     let twin = Arc::new(Mutex::new(left));
     let pty = Pty::run(Arc::clone(&twin)).unwrap();
     let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 9600 }, Arc::new(Monotonic));
-    let unit = Unit::new("a terminal", Settings::default(), Speech::Blocks).unwrap();
+    let unit = Unit::new("a terminal", Settings::default(), SampleFormat::Blocks).unwrap();
     let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
     device.start().unwrap();
     let end = Monotonic.now_ns() + 20 * SECOND;

@@ -9,7 +9,7 @@ use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
 use sonoweave_core::reading::Status;
 
-use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_of};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -38,7 +38,7 @@ fn poses_match_sensor_at_stamp_times() {
         // The second station's record waits for the first one's.
         let wire = timing.wire_ns * i64::from(pose.station);
         let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - wire;
-        assert!((0..MS / 8).contains(&(measured - time_told(pose))), "{} {}", measured, time_told(pose));
+        assert!((0..MS / 8).contains(&(measured - time_of(pose))), "{} {}", measured, time_of(pose));
         assert_eq!((&pose.status, pose.code, pose.buttons), (&Status::Ok, None, 0));
     }
     let received = rig.device.health().received;
@@ -51,10 +51,10 @@ fn text_poses_match_column_precision() {
     rig.until(State::Running, 2 * SECOND);
     for pose in rig.poses(SECOND) {
         let host = pose.stamp.host_ns.unwrap();
-        let told = ((pose.position_cm[0] - 1.0) * 4096.0 * (MS / 8) as f64) as i64 + BEGIN;
+        let reported = ((pose.position_cm[0] - 1.0) * 4096.0 * (MS / 8) as f64) as i64 + BEGIN;
         let wire = rig.device.describe().timing.wire_ns;
         // Half of the last digit is 0.005 cm: 2.56 ms here.
-        assert!((host - SAMPLING_NS - wire - told).abs() < 2_560_000 + MS / 8);
+        assert!((host - SAMPLING_NS - wire - reported).abs() < 2_560_000 + MS / 8);
         assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5]);
     }
 }
@@ -121,7 +121,7 @@ fn sent_commands_match_manual() {
         "C",
         "c",
     ];
-    assert_eq!(rig.told(), expected);
+    assert_eq!(rig.reported(), expected);
     assert_eq!(rig.device.health().state, State::Stopped);
 }
 
@@ -150,7 +150,7 @@ fn unresponsive_unit_is_reset() {
     let took = rig.until(State::Running, 60 * SECOND);
     // Sixteen rounds, ten seconds for the restart, and one round at most.
     assert!((25 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
-    assert_eq!(rig.times_told(b"\x19"), 1, "it is not told again while it starts");
+    assert_eq!(rig.times_sent(b"\x19"), 1, "it is not told again while it starts");
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn lost_bytes_lose_records_without_wrong_ones() {
     rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
     let poses = rig.poses(60 * SECOND);
     assert!(poses.iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "each is right or not there");
-    assert!(poses.windows(2).all(|two| time_told(&two[0]) < time_told(&two[1])));
+    assert!(poses.windows(2).all(|two| time_of(&two[0]) < time_of(&two[1])));
     let received = rig.device.health().received;
     // 33 bytes per record: one in sixteen is hit, and loses itself and at most the next.
     assert!((5800..7000).contains(&poses.len()), "{} of 7200", poses.len());
@@ -217,8 +217,8 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
     for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, 2.0]);
         // The pose's time is in the past, but recent even on a busy machine.
-        let told = time_told(&pose) - BEGIN + begin;
-        let age = pose.stamp.host_ns.unwrap() - told;
+        let reported = time_of(&pose) - BEGIN + begin;
+        let age = pose.stamp.host_ns.unwrap() - reported;
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
     }
 }

@@ -32,7 +32,7 @@ fn counts(pose: &Pose) -> [i64; 3] {
 }
 
 /// Returns the time encoded in a position, ns, at most an eighth of a ms too early.
-fn time_told(pose: &Pose) -> i64 {
+fn time_of(pose: &Pose) -> i64 {
     let [x, y, _] = counts(pose);
     (x + FULL * y) * (MS / 8) + BEGIN
 }
@@ -53,7 +53,7 @@ fn two() -> Settings {
 
 fn is_right(pose: &Pose) -> bool {
     let turned = pose.quaternion_wxyz.iter().zip([0.5, -0.5, 0.5, -0.5]).all(|(q, r)| (q - r).abs() <= 0.51 / 32_767.0);
-    turned && counts(pose)[2] == -100 * i64::from(pose.station) && time_told(pose) < pose.stamp.host_ns.unwrap()
+    turned && counts(pose)[2] == -100 * i64::from(pose.station) && time_of(pose) < pose.stamp.host_ns.unwrap()
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn poses_match_sensor_at_stamp_times() {
         // Exactly the value of the counts, without the rounding before.
         assert_eq!(pose.position_cm, counts(pose).map(|count| count as f64 * CM_PER_COUNT));
         let measured = pose.stamp.host_ns.unwrap() - timing.wire_ns * i64::from(pose.station);
-        assert!((0..MS / 8).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
+        assert!((0..MS / 8).contains(&(measured - time_of(pose))), "{measured} {}", time_of(pose));
         assert_eq!((&pose.status, pose.code, pose.buttons, pose.stamp.ticks), (&Status::Ok, None, 0, None));
     }
     let received = rig.device.health().received;
@@ -157,7 +157,7 @@ fn sent_commands_match_other_programs() {
             "C",
             "c",
         ];
-        assert_eq!(rig.told(), expected);
+        assert_eq!(rig.reported(), expected);
         assert_eq!(rig.device.health().state, State::Stopped);
     }
 }
@@ -214,7 +214,7 @@ fn unresponsive_unit_is_reset() {
     let took = rig.until(State::Running, 90 * SECOND);
     // Twenty rounds, twenty seconds for the restart, and one round at most.
     assert!((40 * SECOND..48 * SECOND).contains(&took), "{} s", took / SECOND);
-    assert_eq!(rig.times_told(b"\x19"), 1, "it is not told twice");
+    assert_eq!(rig.times_sent(b"\x19"), 1, "it is not told twice");
 }
 
 #[test]
@@ -228,7 +228,7 @@ fn lost_bytes_lose_records_without_wrong_ones() {
     };
     let poses = rig.poses(120 * SECOND);
     assert!(poses.iter().all(is_right), "each is right or not there");
-    assert!(poses.windows(2).all(|two| time_told(&two[0]) < time_told(&two[1])));
+    assert!(poses.windows(2).all(|two| time_of(&two[0]) < time_of(&two[1])));
     let twin = rig.twin.lock().unwrap();
     let whole = (twin.measured - before.0 - (twin.harmed - before.1)) as usize;
     let received = rig.device.health().received;
@@ -297,7 +297,7 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
     for pose in on_a_terminal(left, unit, 60) {
         assert_eq!(counts(&pose)[2], -100);
         // The pose's time is in the past, but recent even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_of(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
     }
 }

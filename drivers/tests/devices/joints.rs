@@ -40,7 +40,7 @@ pub(crate) fn unnumbered(counts: &Counts) -> Counts {
 }
 
 /// Returns the driver's reason for an invalid reading.
-pub(crate) fn said(counts: &Counts) -> &str {
+pub(crate) fn text(counts: &Counts) -> &str {
     match &counts.status {
         Status::Ok => "",
         Status::Other(why) => why,

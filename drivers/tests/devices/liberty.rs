@@ -11,7 +11,7 @@ use sonoweave_core::health::State;
 use sonoweave_core::reading::{Pose, Status};
 use sonoweave_core::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_of};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -38,7 +38,7 @@ fn assert_right(poses: &[Pose], what: &str) {
     for pose in poses {
         assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25], "{what}: {pose:?}");
         assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5], "{what}");
-        assert!(time_told(pose) >= BEGIN && time_told(pose) < pose.stamp.host_ns.unwrap(), "{what}");
+        assert!(time_of(pose) >= BEGIN && time_of(pose) < pose.stamp.host_ns.unwrap(), "{what}");
     }
 }
 
@@ -62,7 +62,7 @@ fn poses_match_sensor_at_stamp_and_tick_times() {
         assert_eq!(timing.wire_ns, if on_usb { 0 } else { 44 * 10 * SECOND / 115_200 });
         assert!(poses.len().abs_diff(2 * hz as usize * stations.len()) <= stations.len(), "{}", poses.len());
         assert_right(&poses, "all");
-        let (first_tick, first_told) = (poses[0].stamp.ticks.unwrap(), time_told(&poses[0]));
+        let (first_tick, first_time) = (poses[0].stamp.ticks.unwrap(), time_of(&poses[0]));
         assert!((10..20).contains(&first_tick), "counted from the start, the first ten left out: {first_tick}");
         for (n, pose) in poses.iter().enumerate() {
             assert_eq!(pose.station, stations[n % stations.len()], "in order");
@@ -71,11 +71,11 @@ fn poses_match_sensor_at_stamp_and_tick_times() {
             // microsecond.
             let wire = timing.wire_ns * i64::from(pose.station);
             let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - wire;
-            assert!((0..MS / 8 + 2000).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
+            assert!((0..MS / 8 + 2000).contains(&(measured - time_of(pose))), "{measured} {}", time_of(pose));
             let ticks = pose.stamp.ticks.unwrap();
             assert_eq!(ticks, first_tick + (n / stations.len()) as u64, "all stations of a frame at once");
-            let by_ticks = first_told + ((ticks - first_tick) as f64 / hz * SECOND as f64) as i64;
-            assert!((by_ticks - time_told(pose)).abs() <= MS / 8 + 1, "{by_ticks} {}", time_told(pose));
+            let by_ticks = first_time + ((ticks - first_tick) as f64 / hz * SECOND as f64) as i64;
+            assert!((by_ticks - time_of(pose)).abs() <= MS / 8 + 1, "{by_ticks} {}", time_of(pose));
             assert_eq!((&pose.status, pose.code, pose.buttons, pose.distortion), (&Status::Ok, None, 0, Some(1)));
         }
         let received = rig.device.health().received;
@@ -133,7 +133,7 @@ fn sent_commands_match_manual() {
     let settings = ["O*,9,11,2,7\r", "\x12*\r", "\x02*\r", "H*,0,0,1\r", "X0,1,0,0\r", "Y0,1,0,0\r", "U\r"];
     let end = ["\x150\r", "Q0\r", "C\r", "P"];
     let expected = [&begin[..], &["@B0\r", "U1\r", "R4\r"], &settings, &["O1\r", "O2\r"], &end].concat();
-    assert_eq!(by_usb.told(), expected);
+    assert_eq!(by_usb.reported(), expected);
     assert_eq!(by_usb.device.health().state, State::Stopped);
 
     let mut serial = rig(twin(), Settings { stylus: Some(1), hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
@@ -142,11 +142,11 @@ fn sent_commands_match_manual() {
     let settings = [&["O*,9,10,11,2,7\r"], &settings[1..]].concat();
     // 48 bytes, 240 times a second, would fill the line.
     let expected = [&begin[..], &["U1\r", "R3\r"], &settings, &["O1\r"], &end].concat();
-    assert_eq!(serial.told(), expected);
+    assert_eq!(serial.reported(), expected);
 
     let mut patriot = rig(usb(Twin::patriot(ticking(), Faults::default())), Settings::default());
     patriot.until(State::Running, 2 * SECOND);
-    assert!(patriot.told().iter().all(|command| !command.starts_with('R')), "it has one rate");
+    assert!(patriot.reported().iter().all(|command| !command.starts_with('R')), "it has one rate");
     assert_eq!(patriot.device.describe().timing.rate_hz, Some(60.0));
     assert!(patriot.device.describe().name.starts_with("PATRIOT"), "{}", patriot.device.describe().name);
     let poses = patriot.poses(SECOND);
@@ -162,7 +162,7 @@ fn buffered_frames_do_not_delay_poses() {
     let mut rig = rig(left, Settings::default());
     rig.until(State::Running, 2 * SECOND);
     for pose in rig.poses(SECOND) {
-        assert!(pose.stamp.host_ns.unwrap() - time_told(&pose) < 4 * MS);
+        assert!(pose.stamp.host_ns.unwrap() - time_of(&pose) < 4 * MS);
     }
 }
 
@@ -237,7 +237,7 @@ fn unresponsive_unit_is_reset() {
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
-        assert_eq!(rig.times_told(b"\x19\r"), 1, "it is not told twice");
+        assert_eq!(rig.times_sent(b"\x19\r"), 1, "it is not told twice");
     }
 }
 
@@ -261,7 +261,7 @@ fn lost_bytes_are_counted_by_frame_count() {
         assert!(after.len() > 235);
         for station in 1..=active.count_ones() as u8 {
             let of: Vec<&Pose> = poses.iter().filter(|pose| pose.station == station).collect();
-            assert!(of.windows(2).all(|two| time_told(two[0]) < time_told(two[1])));
+            assert!(of.windows(2).all(|two| time_of(two[0]) < time_of(two[1])));
         }
         let twin = rig.twin.lock().unwrap();
         let received = rig.device.health().received;
@@ -373,7 +373,7 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
     for pose in on_a_terminal(left, unit, 200) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
         // The pose's time is in the past, but recent even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_of(&pose) - BEGIN + begin);
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
     }
 }

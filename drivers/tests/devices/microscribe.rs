@@ -14,7 +14,7 @@ use sonoweave_core::reading::{Counts, Reading, Status};
 use sonoweave_core::{Device, Next};
 
 use crate::bench::{Rig, refused_setting, replays};
-use crate::joints::{SOON, counts, is_true, moving, said, split};
+use crate::joints::{SOON, counts, is_true, moving, split, text};
 
 fn unit() -> Unit {
     Unit::new("a line", Settings::of_14_bits(), Family::MicroScribe, 6).unwrap()
@@ -121,8 +121,8 @@ fn jump_requires_homing_which_sets_all_counters() {
     rig.twin.lock().unwrap().slip(3, 4000);
     let [before, after] = split(counts(rig.readings(SECOND)), |c| c.status != Status::Ok);
     assert!(before.len() <= 3 && after.len() > 95);
-    assert!(said(&after[0]).starts_with("axis 4 of 6 jumped by 40"), "{}", said(&after[0]));
-    assert!(after.iter().all(|c| c.homed == 0b11_0111 && said(c).contains("axis 4")));
+    assert!(text(&after[0]).starts_with("axis 4 of 6 jumped by 40"), "{}", text(&after[0]));
+    assert!(after.iter().all(|c| c.homed == 0b11_0111 && text(c).contains("axis 4")));
     assert!(rig.device.health().why.starts_with("axis 4 of 6 jumped"), "{}", rig.device.health().why);
     rig.device.protocol_mut().home();
     let [_, after] = split(counts(rig.readings(SECOND)), |c| c.status == Status::Ok);
@@ -151,7 +151,7 @@ fn unplugged_device_is_absent_then_requires_homing() {
     rig.twin.lock().unwrap().plugged = true;
     let back = rig.until(State::Running, SOON);
     assert!(back < SECOND, "{} ms", back / MS);
-    assert!(counts(rig.readings(SECOND)).iter().all(|c| c.homed == 0 && said(c).contains("home it")));
+    assert!(counts(rig.readings(SECOND)).iter().all(|c| c.homed == 0 && text(c).contains("home it")));
     assert!(rig.device.health().why.contains("home it"), "{}", rig.device.health().why);
     rig.device.protocol_mut().home();
     rig.readings(100 * MS);
@@ -254,8 +254,8 @@ fn pseudo_terminal_counts_are_exact_until_hangup() {
             let truth = joints(**at);
             c.as_slice() == std::array::from_fn::<i64, 6, _>(|axis| truth[axis] + offsets[axis])
         };
-        let asked = sampled.iter().filter(|at| (0..2 * SECOND).contains(&(host - **at)));
-        assert!(asked.rev().find(is_it).is_some(), "{c:?}");
+        let requested = sampled.iter().filter(|at| (0..2 * SECOND).contains(&(host - **at)));
+        assert!(requested.rev().find(is_it).is_some(), "{c:?}");
         assert_eq!((c.homed, &c.status), (0b11_1111, &Status::Ok));
     }
     drop(pty);

@@ -24,7 +24,7 @@ use crate::bench::{BEGIN, Rig};
 struct Server {
     /// Times and bytes; an empty entry hangs up.
     script: VecDeque<(i64, Vec<u8>)>,
-    heard: Vec<u8>,
+    arrived: Vec<u8>,
     opened: u32,
 }
 
@@ -35,7 +35,7 @@ impl Peer for Server {
     }
 
     fn written(&mut self, bytes: &[u8], _baud: u32, _now_ns: i64) {
-        self.heard.extend_from_slice(bytes);
+        self.arrived.extend_from_slice(bytes);
     }
 
     fn next(&mut self, _baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
@@ -76,7 +76,7 @@ fn rig(settings: RemoteSettings, script: impl IntoIterator<Item = (i64, Vec<u8>)
     rig
 }
 
-fn said(device: &str, ms: u64, content: Content) -> Message {
+fn stated(device: &str, ms: u64, content: Content) -> Message {
     Message::new(name(device), TimeStamp::of_unix_ns(THEN + ms * 1_000_000), content)
 }
 
@@ -87,7 +87,7 @@ fn matrix(x: f64) -> Matrix {
 fn slice(device: &str, number: Option<u64>) -> Message {
     let pixels = (0..12).collect::<Vec<u8>>().into();
     let image = Image::whole([4, 3, 1], (PixelType::U8, 1), pixels, &[0.0; 16], Coordinates::Ras);
-    let message = said(device, 0, Content::Image(image));
+    let message = stated(device, 0, Content::Image(image));
     match number {
         None => message,
         Some(number) => {
@@ -107,15 +107,15 @@ fn server_messages_become_frames_and_transforms() {
     let invalid = Message {
         version: Version::Two,
         metadata: vec![Datum::new("Status", "INVALID")],
-        ..said("StylusToTracker", 3, Content::Transform(matrix(9.0)))
+        ..stated("StylusToTracker", 3, Content::Transform(matrix(9.0)))
     };
     let position = Position { position: [1.0, 2.0, 3.0], quaternion_xyzw: [0.0, 0.0, 0.0, 1.0] };
     let stream: Vec<u8> = [
-        said("ProbeToTracker", 1, Content::Transform(matrix(5.0))),
+        stated("ProbeToTracker", 1, Content::Transform(matrix(5.0))),
         slice("Image_Reference", Some(41)),
-        said("Tracker", 2, Content::Tools(vec![tool("ToolToTracker", 6.0), tool("Stylus", 7.0)])),
+        stated("Tracker", 2, Content::Tools(vec![tool("ToolToTracker", 6.0), tool("Stylus", 7.0)])),
         invalid,
-        said("TipToStylus", 4, Content::Position(position)),
+        stated("TipToStylus", 4, Content::Position(position)),
     ]
     .iter()
     .flat_map(bytes)
@@ -149,10 +149,10 @@ fn server_messages_become_frames_and_transforms() {
     assert_eq!(rig.device.describe().image_size, Some([4, 3]));
     // The driver requested TDATA, and now requests the server to stop.
     rig.device.stop().unwrap();
-    let mut asked = Vec::new();
-    let heard = std::mem::take(&mut rig.twin.lock().unwrap().heard);
-    Decoder::new(Limits::SMALL).feed(&heard, &mut |event| asked.push(event)).unwrap();
-    let asked: Vec<Content> = asked
+    let mut requested = Vec::new();
+    let arrived = std::mem::take(&mut rig.twin.lock().unwrap().arrived);
+    Decoder::new(Limits::SMALL).feed(&arrived, &mut |event| requested.push(event)).unwrap();
+    let requested: Vec<Content> = requested
         .into_iter()
         .map(|event| match event {
             Event::Message(message, _) => message.content,
@@ -160,7 +160,7 @@ fn server_messages_become_frames_and_transforms() {
         })
         .collect();
     let of = Subject::of("TDATA");
-    assert_eq!(asked, [Content::Start(of, Some(Pace { interval_ms: 8, frame: name("") })), Content::Stop(of)]);
+    assert_eq!(requested, [Content::Start(of, Some(Pace { interval_ms: 8, frame: name("") })), Content::Stop(of)]);
 }
 
 #[test]
@@ -168,8 +168,8 @@ fn only_requested_messages_are_taken() {
     let stream: Vec<u8> = [
         slice("Volume_Reference", None),
         slice("Image_Reference", None),
-        said("ProbeToTracker", 0, Content::Transform(matrix(1.0))),
-        said("StylusToTracker", 0, Content::Transform(matrix(2.0))),
+        stated("ProbeToTracker", 0, Content::Transform(matrix(1.0))),
+        stated("StylusToTracker", 0, Content::Transform(matrix(2.0))),
     ]
     .iter()
     .flat_map(bytes)
@@ -179,7 +179,7 @@ fn only_requested_messages_are_taken() {
         rig(RemoteSettings { pictures: pictures.clone(), transforms: None, ..all() }, [(5, stream.clone())]);
     let [Reading::Frame(frame)] = &named.readings(20 * MS)[..] else { panic!() };
     assert_eq!(frame.orientation, "UN");
-    assert!(named.twin.lock().unwrap().heard.is_empty(), "nothing was asked for");
+    assert!(named.twin.lock().unwrap().arrived.is_empty(), "nothing was asked for");
     let names = vec!["StylusToTracker".to_owned()];
     let transforms = Some(RemoteTransforms { names, interval_ms: 0 });
     let mut stylus = rig(RemoteSettings { pictures: None, transforms, ..all() }, [(5, stream.clone())]);
@@ -194,7 +194,8 @@ fn only_requested_messages_are_taken() {
 fn volume_is_refused_as_frame_with_reason() {
     let pixels = vec![1; 24].into();
     let volume = Image::whole([4, 3, 2], (PixelType::U8, 1), pixels, &[0.0; 16], Coordinates::Ras);
-    let stream = [said("Vol", 0, Content::Image(volume)), said("ProbeToTracker", 0, Content::Transform(matrix(1.0)))];
+    let stream =
+        [stated("Vol", 0, Content::Image(volume)), stated("ProbeToTracker", 0, Content::Transform(matrix(1.0)))];
     let pictures = Some(RemotePictures { device: Some("Vol".into()), orientation: "" });
     let mut rig = rig(RemoteSettings { pictures, ..all() }, [(5, stream.iter().flat_map(bytes).collect())]);
     assert_eq!(rig.readings(20 * MS).len(), 1, "the transform");
@@ -224,7 +225,7 @@ fn damaged_message_is_counted_and_next_is_read() {
 
 #[test]
 fn faulty_or_silent_server_is_reconnected() {
-    let good = bytes(&said("ProbeToTracker", 0, Content::Transform(matrix(1.0))));
+    let good = bytes(&stated("ProbeToTracker", 0, Content::Transform(matrix(1.0))));
     let script = [
         (10, good.clone()),
         (20, b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\nContent-Type: text/plain\r\n\r\n".to_vec()),
@@ -262,11 +263,11 @@ fn readings(
     let mut readings = Vec::new();
     while !enough(device, &readings) {
         assert!(begun.elapsed() < most, "{:?} after {readings:?}", device.health());
-        let asked = Monotonic.now_ns();
-        if let Next::Reading(reading) = device.next(asked + 20 * MS).unwrap() {
+        let requested = Monotonic.now_ns();
+        if let Next::Reading(reading) = device.next(requested + 20 * MS).unwrap() {
             readings.push(reading);
         }
-        assert!(Monotonic.now_ns() - asked < SECOND, "a call overstayed its deadline");
+        assert!(Monotonic.now_ns() - requested < SECOND, "a call overstayed its deadline");
     }
     readings
 }
@@ -285,18 +286,18 @@ fn local_server_reconnects() {
     let mut device = open(&listener);
     let server = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        let mut asked = [0; 94];
-        stream.read_exact(&mut asked).unwrap();
+        let mut requested = [0; 94];
+        stream.read_exact(&mut requested).unwrap();
         // Larger than any buffer in between.
         let pixels = vec![9; 1 << 20].into();
         let image = Image::whole([1024, 1024, 1], (PixelType::U8, 1), pixels, &[0.0; 16], Coordinates::Ras);
-        stream.write_all(&bytes(&said("Image_Reference", 0, Content::Image(image)))).unwrap();
+        stream.write_all(&bytes(&stated("Image_Reference", 0, Content::Image(image)))).unwrap();
         stream.shutdown(Shutdown::Both).unwrap();
-        asked
+        requested
     });
     let wait = Duration::from_secs(20);
-    let came = readings(&mut *device, wait, |_, readings| !readings.is_empty());
-    let Reading::Frame(frame) = &came[0] else { panic!() };
+    let read = readings(&mut *device, wait, |_, readings| !readings.is_empty());
+    let Reading::Frame(frame) = &read[0] else { panic!() };
     assert!(frame.size == [1024, 1024] && frame.pixels.iter().all(|pixel| *pixel == 9));
     assert!(server.join().unwrap()[2..].starts_with(b"STT_TDATA"));
     readings(&mut *device, wait, |device, _| {
@@ -305,17 +306,17 @@ fn local_server_reconnects() {
     let listener = TcpListener::bind(address).unwrap();
     let server = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        stream.write_all(&bytes(&said("ProbeToTracker", 0, Content::Transform(matrix(1.0))))).unwrap();
+        stream.write_all(&bytes(&stated("ProbeToTracker", 0, Content::Transform(matrix(1.0))))).unwrap();
         stream
     });
-    let came = readings(&mut *device, wait, |_, readings| !readings.is_empty());
-    assert!(matches!(came[0], Reading::NamedTransform(_)));
+    let read = readings(&mut *device, wait, |_, readings| !readings.is_empty());
+    assert!(matches!(read[0], Reading::NamedTransform(_)));
     assert_eq!((device.health().state, device.health().received.opened), (State::Running, 2));
     device.stop().unwrap();
     let mut stream: TcpStream = server.join().unwrap();
-    let mut heard = Vec::new();
-    stream.read_to_end(&mut heard).unwrap();
-    assert!(heard.windows(9).any(|window| window == b"STP_TDATA"), "told to stop, and closed");
+    let mut arrived = Vec::new();
+    stream.read_to_end(&mut arrived).unwrap();
+    assert!(arrived.windows(9).any(|window| window == b"STP_TDATA"), "told to stop, and closed");
 }
 
 #[test]
@@ -325,14 +326,14 @@ fn server_sending_single_bytes_delivers_message() {
     let server = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
         stream.set_nodelay(true).unwrap();
-        for byte in bytes(&said("ProbeToTracker", 0, Content::Transform(matrix(1.0)))) {
+        for byte in bytes(&stated("ProbeToTracker", 0, Content::Transform(matrix(1.0)))) {
             stream.write_all(&[byte]).unwrap();
             std::thread::sleep(Duration::from_millis(5));
         }
         stream
     });
-    let came = readings(&mut *device, Duration::from_secs(20), |_, readings| !readings.is_empty());
-    assert!(matches!(&came[0], Reading::NamedTransform(transform) if transform.matrix[3] == 1.0));
+    let read = readings(&mut *device, Duration::from_secs(20), |_, readings| !readings.is_empty());
+    assert!(matches!(&read[0], Reading::NamedTransform(transform) if transform.matrix[3] == 1.0));
     assert_eq!(device.health().received.skipped, 0);
     drop(server.join().unwrap());
 }

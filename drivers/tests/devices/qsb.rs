@@ -15,7 +15,7 @@ use sonoweave_core::reading::{Counts, Reading, Status};
 use sonoweave_core::{Device, Next};
 
 use crate::bench::BEGIN;
-use crate::joints::{SOON, counts, is_true, moving, said, split, unnumbered};
+use crate::joints::{SOON, counts, is_true, moving, split, text, unnumbered};
 
 /// The arm, with the units that it consists of.
 struct Trio {
@@ -95,7 +95,7 @@ fn counts_match_joints_at_unit_ticks() {
     assert!(took < SECOND, "{} ms", took / MS);
     let not_homed = counts(trio.readings(100 * MS));
     assert!(not_homed.iter().all(|c| c.homed == 0
-        && said(c) == format!("axis {} is not homed: move the arm to its home position and home it", c.first + 1)));
+        && text(c) == format!("axis {} is not homed: move the arm to its home position and home it", c.first + 1)));
     let mut trio = trio.homed();
     let first: Vec<Counts> = counts(trio.readings(50 * MS));
     // The driver chose the zero when homing; all later counts share it.
@@ -193,12 +193,12 @@ fn reset_and_jump_require_homing() {
     let now = trio.clock.now_ns();
     trio.twin(0).reset(now);
     let [_, after] = split(counts(trio.readings(2 * SECOND)), |c| c.first == 0 && c.homed == 0);
-    assert!(after.len() > 100 && after.iter().all(|c| c.first != 0 || said(c).contains("axis 1")));
+    assert!(after.len() > 100 && after.iter().all(|c| c.first != 0 || text(c).contains("axis 1")));
     assert!(trio.device.health().why.contains("axis 1 of 3 was reset"), "{}", trio.device.health().why);
     let mut trio = trio.homed();
     trio.twin(2).slip(-70_000);
     let [_, after] = split(counts(trio.readings(SECOND)), |c| c.status != Status::Ok);
-    assert!(said(&after[0]).starts_with("axis 3 of 3 jumped by -"), "{}", said(&after[0]));
+    assert!(text(&after[0]).starts_with("axis 3 of 3 jumped by -"), "{}", text(&after[0]));
     assert!(after.iter().all(|c| (c.first == 2) == (c.homed == 0)));
     assert!(trio.device.health().why.contains("jumped by -"), "{}", trio.device.health().why);
     trio.homed();
@@ -271,7 +271,9 @@ fn raw_bytes_replay_same_readings() {
     units.iter_mut().for_each(Unit::resume);
     for reading in &readings {
         match reading {
-            Reading::Raw(raw) => units[usize::from(raw.line)].take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
+            Reading::Raw(raw) => {
+                units[usize::from(raw.line)].decode(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again)
+            }
             // The caller of the protocol numbers the readings.
             Reading::Counts(counts) => live.push(unnumbered(counts)),
             other => panic!("{other:?}"),

@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use drivers::arm::ea1::{self, Speech as Ea1Speech};
+use drivers::arm::ea1::{self, SampleFormat};
 use drivers::arm::microscribe::{self, Family};
 use drivers::arm::{self, qsb};
 use drivers::connection::{Connection, Protocol};
@@ -118,20 +118,20 @@ fn viper_session_replays_exactly() {
 
 #[test]
 fn ea1_session_replays_exactly() {
-    for speech in [Ea1Speech::Lines, Ea1Speech::Blocks] {
-        let model = arm::Model::Ea1 { path: "/dev/x".into(), speech };
-        let said = arm_protocol(&model, &arm::Settings::default());
+    for format in [SampleFormat::Lines, SampleFormat::Blocks] {
+        let model = arm::Model::Ea1 { path: "/dev/x".into(), format };
+        let text = arm_protocol(&model, &arm::Settings::default());
         let twin = simulated::ea1::Twin::new(moving(), Faults { drop: 0.001, ..Faults::default() });
-        unit(twin, ea1::Unit::new("it", arm::Settings::default(), speech).unwrap(), said);
+        unit(twin, ea1::Unit::new("it", arm::Settings::default(), format).unwrap(), text);
     }
 }
 
 #[test]
 fn microscribe_session_replays_exactly() {
     let model = arm::Model::MicroScribe { path: "/dev/x".into(), family: Family::MicroScribe, encoders: 6 };
-    let said = arm_protocol(&model, &arm::Settings::of_14_bits());
+    let text = arm_protocol(&model, &arm::Settings::of_14_bits());
     let protocol = microscribe::Unit::new("it", arm::Settings::of_14_bits(), Family::MicroScribe, 6).unwrap();
-    unit(simulated::microscribe::Twin::new(moving(), Faults::default()), protocol, said);
+    unit(simulated::microscribe::Twin::new(moving(), Faults::default()), protocol, text);
 }
 
 /// Three lines, and a fact that is not in the bytes: the position that the host was told is

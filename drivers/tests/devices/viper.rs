@@ -12,7 +12,7 @@ use sonoweave_core::health::State;
 use sonoweave_core::reading::{Pose, Status};
 use sonoweave_core::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, refused_setting, replays, ticking, time_of};
 
 const BAUDS: [u32; 5] = [115_200, 921_600, 460_800, 230_400, 38_400];
 
@@ -41,7 +41,7 @@ fn assert_right(poses: &[Pose], what: &str) {
     for pose in poses {
         assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25], "{what}: {pose:?}");
         assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5], "{what}");
-        assert!(time_told(pose) >= BEGIN && time_told(pose) < pose.stamp.host_ns.unwrap(), "{what}");
+        assert!(time_of(pose) >= BEGIN && time_of(pose) < pose.stamp.host_ns.unwrap(), "{what}");
     }
 }
 
@@ -59,10 +59,10 @@ fn poses_match_sensors_at_stamp_and_tick_times() {
         let mut left = twin();
         (left.sensors, left.usb, left.distortion, left.buttons) = (sensors, baud.is_none(), 9, 2);
         left.baud = baud.unwrap_or(115_200);
-        let wanted = if sensors == 1 { Settings::default() } else { two() };
-        let wanted = Settings { rate_hz, ..wanted };
-        let stations = wanted.stations.clone();
-        let mut rig = rig(left, wanted);
+        let required = if sensors == 1 { Settings::default() } else { two() };
+        let required = Settings { rate_hz, ..required };
+        let stations = required.stations.clone();
+        let mut rig = rig(left, required);
         rig.until(State::Running, 2 * SECOND);
         let mut poses = rig.poses(2 * SECOND);
         // The state running may have come with a pose of any station.
@@ -74,17 +74,17 @@ fn poses_match_sensors_at_stamp_and_tick_times() {
         assert_eq!(timing.wire_ns, baud.map_or(0, |baud| bytes * 10 * SECOND / i64::from(baud)));
         assert!(poses.len().abs_diff(2 * hz as usize * stations.len()) <= stations.len(), "{}", poses.len());
         assert_right(&poses, "all");
-        let (first_tick, first_told) = (poses[0].stamp.ticks.unwrap(), time_told(&poses[0]));
+        let (first_tick, first_time) = (poses[0].stamp.ticks.unwrap(), time_of(&poses[0]));
         assert!(first_tick < 3, "counted from the start: {first_tick}");
         for (n, pose) in poses.iter().enumerate() {
             assert_eq!(pose.station, stations[n % stations.len()], "in order");
             assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
             let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - timing.wire_ns;
-            assert!((0..MS / 8 + 3000).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
+            assert!((0..MS / 8 + 3000).contains(&(measured - time_of(pose))), "{measured} {}", time_of(pose));
             let ticks = pose.stamp.ticks.unwrap();
             assert_eq!(ticks, first_tick + (n / stations.len()) as u64, "all sensors of a frame at once");
-            let by_ticks = first_told + ((ticks - first_tick) as f64 / hz * SECOND as f64) as i64;
-            assert!((by_ticks - time_told(pose)).abs() <= MS / 8 + 1, "{by_ticks} {}", time_told(pose));
+            let by_ticks = first_time + ((ticks - first_tick) as f64 / hz * SECOND as f64) as i64;
+            assert!((by_ticks - time_of(pose)).abs() <= MS / 8 + 1, "{by_ticks} {}", time_of(pose));
             assert_eq!((&pose.status, pose.code, pose.buttons, pose.distortion), (&Status::Ok, None, 2, Some(9)));
         }
         let received = rig.device.health().received;
@@ -252,7 +252,7 @@ fn unresponsive_unit_is_reset() {
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..34 * SECOND).contains(&took), "{} s", took / SECOND);
-        assert_eq!(rig.times_told(&framed(21, 0, [0, 0], &[])), 1, "it is not told again while it starts");
+        assert_eq!(rig.times_sent(&framed(21, 0, [0, 0], &[])), 1, "it is not told again while it starts");
     }
 }
 
@@ -335,7 +335,7 @@ fn pseudo_terminal_poses_are_exact_until_hangup() {
     for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
         // The pose's time is in the past, but recent even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_of(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
     }
 }

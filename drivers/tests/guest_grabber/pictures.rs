@@ -19,8 +19,8 @@ pub(crate) const TESTS: &[Test] = &[
     ("a_frame_asks_for_no_memory", no_allocations),
     ("stamps_are_the_kernel_s_and_go_on_evenly", stamps),
     ("fields_of_interlaced_video_are_pictures_with_their_own_times", fields),
-    ("size_and_rate_are_chosen_of_what_a_camera_offers", camera),
-    ("what_is_asked_for_and_not_there_is_refused_by_a_sentence", refusals),
+    ("size_and_rate_are_chosen_from_offers", camera),
+    ("missing_format_is_refused_with_sentence", refusals),
 ];
 
 fn listing() {
@@ -130,11 +130,11 @@ fn every_format() {
         rig.grabber.stop().unwrap();
         let mut rig = Rig::start(GrabberSettings { colour: Colour::Rgb, range: None, matrix: None, ..settings });
         let frame = rig.frames(30).pop().unwrap();
-        let said = |name: &str| {
+        let stated = |name: &str| {
             rig.grabber.describe().fields.iter().find(|(n, _)| n == name).map(|(_, text)| text.clone()).unwrap()
         };
-        let range = if said("VideoRange") == "full" { Range::Full } else { Range::Limited };
-        let matrix = if said("VideoMatrix") == "bt709" { Matrix::Bt709 } else { Matrix::Bt601 };
+        let range = if stated("VideoRange") == "full" { Range::Full } else { Range::Limited };
+        let matrix = if stated("VideoMatrix") == "bt709" { Matrix::Bt709 } else { Matrix::Bt601 };
         assert_eq!(range == Range::Limited, !format.is_rgb() && !format.is_grey(), "{format}: {range:?}");
         let mut converter = Converter::new(Layout { range, matrix, ..layout }, Rows::WHOLE, Colour::Rgb).unwrap();
         let mut picture = vec![0; converter.picture_bytes()];
@@ -283,7 +283,7 @@ fn camera() {
 }
 
 fn refusals() {
-    let says = |settings: GrabberSettings, text: &str| {
+    let sentence = |settings: GrabberSettings, text: &str| {
         let mut rig = Rig::start(settings);
         let deadline = Monotonic.now_ns() + SECOND / 10;
         assert!(matches!(rig.grabber.next(deadline).unwrap(), sonoweave_core::Next::Pending));
@@ -291,25 +291,25 @@ fn refusals() {
         assert!(why.contains(text), "{why}");
         assert_eq!(rig.grabber.health().state, sonoweave_core::health::State::Absent);
     };
-    says(
+    sentence(
         GrabberSettings { input: Some("SCART".into()), ..hdmi() },
         "/dev/video0 cannot be set up: it has no input SCART; its inputs are Webcam",
     );
-    says(
+    sentence(
         GrabberSettings { format: Some(PixelFormat::Mjpg), ..hdmi() },
         "it does not offer MJPG at any size; it offers ",
     );
-    says(
+    sentence(
         GrabberSettings { input: Some("0".into()), size: Some([641, 480]), ..hdmi() },
         "it does not offer any format at 641×480",
     );
-    says(GrabberSettings::new(OUTPUT_NODE), "/dev/video1 cannot be used: it captures no video");
-    says(GrabberSettings::new("/dev/video7"), "/dev/video7 is not there; plug it in");
-    says(GrabberSettings::new("Epiphan"), "Epiphan is not there; plug it in");
+    sentence(GrabberSettings::new(OUTPUT_NODE), "/dev/video1 cannot be used: it captures no video");
+    sentence(GrabberSettings::new("/dev/video7"), "/dev/video7 is not there; plug it in");
+    sentence(GrabberSettings::new("Epiphan"), "Epiphan is not there; plug it in");
     // Another program is streaming.
     let mut other = Rig::start(hdmi());
     other.frame();
-    says(hdmi(), "is in use by another program; close that program");
+    sentence(hdmi(), "is in use by another program; close that program");
     // By name instead of by node, for the case that the number changes.
     other.grabber.stop().unwrap();
     let mut named = Rig::start(GrabberSettings { device: "platform:vivid-000".into(), ..hdmi() });

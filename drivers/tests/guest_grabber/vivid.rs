@@ -68,14 +68,14 @@ impl Vivid {
         let mut id = 0;
         loop {
             // SAFETY: consists of integers, for which zero is valid.
-            let mut asked: abi::v4l2_queryctrl = unsafe { mem::zeroed() };
-            asked.id = id | abi::V4L2_CTRL_FLAG_NEXT_CTRL;
-            if self.call(vidioc::VIDIOC_QUERYCTRL, &mut asked).is_err() {
+            let mut requested: abi::v4l2_queryctrl = unsafe { mem::zeroed() };
+            requested.id = id | abi::V4L2_CTRL_FLAG_NEXT_CTRL;
+            if self.call(vidioc::VIDIOC_QUERYCTRL, &mut requested).is_err() {
                 panic!("vivid has no control {control}; it has {names:?}");
             }
-            id = asked.id;
-            let end = asked.name.iter().position(|&byte| byte == 0).unwrap_or(asked.name.len());
-            let name = String::from_utf8_lossy(&asked.name[..end]).into_owned();
+            id = requested.id;
+            let end = requested.name.iter().position(|&byte| byte == 0).unwrap_or(requested.name.len());
+            let name = String::from_utf8_lossy(&requested.name[..end]).into_owned();
             // The kernel cuts names at 31 bytes.
             if control == name || (name.len() == 31 && control.starts_with(&name)) {
                 return id;
@@ -216,13 +216,13 @@ fn feed(output: &Vivid, frame_bytes: usize, stop: &AtomicBool, fed: &AtomicU64, 
     output.call(vidioc::VIDIOC_REQBUFS, &mut request).unwrap();
     let mut maps: Vec<MmapMut> = (0..request.count)
         .map(|index| {
-            let mut asked = buffer(index);
-            output.call(vidioc::VIDIOC_QUERYBUF, &mut asked).unwrap();
+            let mut requested = buffer(index);
+            output.call(vidioc::VIDIOC_QUERYBUF, &mut requested).unwrap();
             // SAFETY: the kernel's buffer of this length at this offset; it is written only
             // while it is not queued.
             unsafe {
-                let offset = asked.m.offset;
-                MmapOptions::new().offset(offset.into()).len(asked.length as usize).map_mut(&output.file).unwrap()
+                let offset = requested.m.offset;
+                MmapOptions::new().offset(offset.into()).len(requested.length as usize).map_mut(&output.file).unwrap()
             }
         })
         .collect();

@@ -38,22 +38,22 @@ fn wait_for_adapter(there: bool) {
 }
 
 /// Returns the kernel's settings of a line.
-fn told(path: &str) -> String {
+fn reported(path: &str) -> String {
     let output = Command::new("stty").args(["-F", path, "-a"]).output().unwrap();
     String::from_utf8(output.stdout).unwrap().replace(['\n', ';'], " ")
 }
 
 /// Checks the line's settings: raw, 8 bits, no parity, one stop bit, no handshake.
 fn assert_set(path: &str, baud: u32) {
-    let told = told(path);
-    let words: Vec<&str> = told.split_whitespace().collect();
+    let reported = reported(path);
+    let words: Vec<&str> = reported.split_whitespace().collect();
     for word in
         "cs8 -parenb -cstopb cread clocal -crtscts -ixon -ixoff -icrnl -istrip -inpck -opost -isig -icanon -echo"
             .split(' ')
     {
-        assert!(words.contains(&word), "{path} is not {word}: {told}");
+        assert!(words.contains(&word), "{path} is not {word}: {reported}");
     }
-    assert!(told.contains(&format!("speed {baud} baud")), "{path} is not at {baud}: {told}");
+    assert!(reported.contains(&format!("speed {baud} baud")), "{path} is not at {baud}: {reported}");
 }
 
 fn ftdi() {
@@ -137,8 +137,8 @@ fn no_allocations() {
                 _ => pauses += 1,
             }
         }
-        let asked = allocations::so_far() - before;
-        assert_eq!(asked, 0, "for {readings} readings and {pauses} times that nothing came");
+        let requested = allocations::so_far() - before;
+        assert_eq!(requested, 0, "for {readings} readings and {pauses} times that nothing came");
         assert!(pauses > 50, "{pauses}");
     }
 }

@@ -7,7 +7,7 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use drivers::arm::ea1::Speech;
+use drivers::arm::ea1::SampleFormat;
 use drivers::arm::{ArmDriver, ArmSettings, Model, Settings};
 use drivers::simulated::Faults;
 use drivers::simulated::ea1::Twin;
@@ -93,33 +93,33 @@ fn tracker() {
 }
 
 /// Counts, with the host times of their requests, ns.
-type Asked = Arc<Mutex<Vec<(i64, [i64; 3])>>>;
+type Requested = Arc<Mutex<Vec<(i64, [i64; 3])>>>;
 
 /// Creates an arm whose joints turn at different speeds, and a log of its measured counts.
-fn an_arm() -> (Arc<Mutex<Twin>>, Asked) {
-    let asked = Asked::default();
-    let log = Arc::clone(&asked);
+fn an_arm() -> (Arc<Mutex<Twin>>, Requested) {
+    let requested = Requested::default();
+    let log = Arc::clone(&requested);
     let joints = Arc::new(move |ns: i64| {
         let us = ns / 1000;
         let counts = [us / 100, -3 * us / 1000, (5000.0 * (us as f64 * 1e-6).sin()) as i64];
         log.lock().unwrap().push((ns, counts));
         [counts[0], counts[1], counts[2], 0, 0, 0]
     });
-    (Arc::new(Mutex::new(Twin::new(joints, Faults::default()))), asked)
+    (Arc::new(Mutex::new(Twin::new(joints, Faults::default()))), requested)
 }
 
 /// Checks that each sample equals the arm's counts at the time of its clock, less the counts at
 /// home.
-fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, asked: &Asked, hz: i64) {
+fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, requested: &Requested, hz: i64) {
     let (zeros, born_ns) = {
         let (twin, now) = (twin.lock().unwrap(), Monotonic.now_ns());
         (twin.zeros, now - i64::from(twin.us(now)) * 1000)
     };
-    let asked = asked.lock().unwrap();
+    let requested = requested.lock().unwrap();
     for counts in counts {
         let at_ns = born_ns + i64::try_from(counts.stamp.ticks.unwrap()).unwrap() * 1000;
         // The clock is read with 1 µs resolution, twice.
-        let mut of_then = asked.iter().filter(|(ns, _)| (ns - at_ns).abs() < 3000);
+        let mut of_then = requested.iter().filter(|(ns, _)| (ns - at_ns).abs() < 3000);
         let is = of_then.any(|(_, truth)| (0..3).all(|axis| truth[axis] - zeros[axis] == counts.counts[axis]));
         assert!(is, "{counts:?} is not what it saw at {at_ns}, less {zeros:?}");
         let age = counts.stamp.host_ns.unwrap() - at_ns;
@@ -132,7 +132,7 @@ fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, asked: &Asked, hz: i64) {
 }
 
 /// Homes the arm, and checks the samples after that.
-fn assert_right(rig: &mut Rig, twin: &Mutex<Twin>, asked: &Asked) {
+fn assert_right(rig: &mut Rig, twin: &Mutex<Twin>, requested: &Requested) {
     let before = rig.counts(20);
     assert!(before.iter().all(|counts| counts.homed == 0 && counts.status != Status::Ok));
     assert!(rig.why().contains("home it"), "{}", rig.why());
@@ -143,20 +143,20 @@ fn assert_right(rig: &mut Rig, twin: &Mutex<Twin>, asked: &Asked) {
     }
     let counts = rig.counts(200);
     assert!(counts.iter().all(|counts| counts.status == Status::Ok && counts.homed == 7), "{:?}", counts[0]);
-    assert_true(&counts, twin, asked, 100);
+    assert_true(&counts, twin, requested, 100);
     assert_eq!(rig.device.health().received.lost, 0);
 }
 
 fn arm() {
-    for speech in [Speech::Lines, Speech::Blocks] {
+    for format in [SampleFormat::Lines, SampleFormat::Blocks] {
         plug_in();
-        let (twin, asked) = an_arm();
+        let (twin, requested) = an_arm();
         let mut spoken = Some(Spoken::on(GADGET, 115_200, &twin));
-        let model = Model::Ea1 { path: HOST.into(), speech };
+        let model = Model::Ea1 { path: HOST.into(), format };
         let settings = ArmSettings { model, settings: Settings::default(), keeps_raw: false };
         let mut rig = Rig::start(ArmDriver.open(&OpenSettings::Arm(settings)).unwrap());
         rig.until(State::Running, 6 * SECOND);
-        assert_right(&mut rig, &twin, &asked);
+        assert_right(&mut rig, &twin, &requested);
         // The same plug supplies its power: the arm loses its home position.
         spoken.as_ref().unwrap().fall_silent_mid_record();
         let mut last = rig.readings(30 * MS);
@@ -179,7 +179,7 @@ fn arm() {
         rig.until(State::Running, 6 * SECOND);
         let back = Monotonic.now_ns() - plugged - drivers::simulated::ea1::START;
         assert!(back < 2 * SECOND, "{} ms after it first answered", back / MS);
-        assert_right(&mut rig, &twin, &asked);
+        assert_right(&mut rig, &twin, &requested);
         println!("{}: running {} ms after it first answered", rig.device.describe().name, back / MS);
         rig.device.stop().unwrap();
         drop(again);
@@ -205,10 +205,10 @@ fn listing() {
     pull_out();
     wait(0);
     plug_in();
-    let came = wait(1);
+    let arrived = wait(1);
     let listed = &lines()[0];
     assert_eq!(listed.description, "Sonoweave Arm (2341:0043), /dev/ttyACM0");
     assert_eq!(listed.unavailable, None);
     pull_out();
-    println!("listed {came} ms after it was plugged in, and no more {} ms after it was pulled out", wait(0));
+    println!("listed {arrived} ms after it was plugged in, and no more {} ms after it was pulled out", wait(0));
 }

@@ -77,7 +77,7 @@ fn assert_survives_unplugging(
             last.extend(rig.readings(5 * MS));
             assert!(Monotonic.now_ns() < begin + 2 * SECOND, "{:?}", rig.device.health());
         }
-        let told = Monotonic.now_ns() - begin;
+        let reported = Monotonic.now_ns() - begin;
         let last: Vec<Pose> =
             last.into_iter().map(|r| if let Reading::Pose(pose) = r { pose } else { panic!("{r:?}") }).collect();
         truth.assert_exact(&last);
@@ -95,6 +95,6 @@ fn assert_survives_unplugging(
         let received = rig.device.health().received;
         assert_eq!((received.opened, received.set_up), (round, round), "{received:?}");
         let name = &rig.device.describe().name;
-        println!("{name}: told {} ms after it was pulled, running {} ms after it was back", told / MS, took / MS);
+        println!("{name}: told {} ms after it was pulled, running {} ms after it was back", reported / MS, took / MS);
     }
 }

@@ -36,19 +36,19 @@ impl Spoken {
         mut open: impl FnMut() -> Option<TTYPort> + Send + 'static,
     ) -> Self {
         let (ends, breaks_off) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-        let (told, cut, peer) = (Arc::clone(&ends), Arc::clone(&breaks_off), Arc::clone(peer));
+        let (reported, cut, peer) = (Arc::clone(&ends), Arc::clone(&breaks_off), Arc::clone(peer));
         let run = move || {
-            while !told.load(Ordering::Relaxed) {
+            while !reported.load(Ordering::Relaxed) {
                 let Some(mut line) = open() else {
                     std::thread::sleep(Duration::from_millis(10));
                     continue;
                 };
-                while !told.load(Ordering::Relaxed) {
+                while !reported.load(Ordering::Relaxed) {
                     match turn(&peer, &mut line, cut.load(Ordering::Relaxed)) {
                         Ok(SendResult::All) => {}
                         Ok(SendResult::Half) => {
                             cut.store(false, Ordering::Relaxed);
-                            while !told.load(Ordering::Relaxed) {
+                            while !reported.load(Ordering::Relaxed) {
                                 std::thread::sleep(Duration::from_millis(2));
                             }
                         }
@@ -96,8 +96,8 @@ enum SendResult {
 fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::io::Result<SendResult> {
     let now = Monotonic.now_ns();
     // `None` if the unit is unplugged or has nothing to send.
-    let said = peer.lock().unwrap().next(0, now, now).ok().flatten();
-    if let Some((_, mut bytes)) = said {
+    let text = peer.lock().unwrap().next(0, now, now).ok().flatten();
+    if let Some((_, mut bytes)) = text {
         if breaks_off {
             bytes.truncate(bytes.len() / 2);
         }

@@ -76,7 +76,7 @@ fn survives_unplugging<M: Model + 'static>(mut unit: Unit<M>, times: u64) {
             last.extend(rig.readings(2 * MS));
             assert!(Monotonic.now_ns() < begin + SECOND, "{:?}", rig.device.health());
         }
-        let told = Monotonic.now_ns() - begin;
+        let reported = Monotonic.now_ns() - begin;
         let last: Vec<_> =
             last.into_iter().map(|r| if let Reading::Pose(pose) = r { pose } else { panic!() }).collect();
         unit.truth.assert_exact(&last);
@@ -94,7 +94,7 @@ fn survives_unplugging<M: Model + 'static>(mut unit: Unit<M>, times: u64) {
         println!(
             "{}: told {} ms after the plug was pulled, running {} ms after it was plugged in",
             rig.device.describe().name,
-            told / MS,
+            reported / MS,
             back / MS
         );
     }

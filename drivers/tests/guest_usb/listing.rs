@@ -12,7 +12,7 @@ use super::{a_liberty, a_viper, liberty};
 pub(crate) const TESTS: &[Test] = &[
     ("what_is_plugged_in_is_listed_until_it_is_pulled_out", comes_and_goes),
     ("a_loader_is_listed_with_what_it_waits_for", loader),
-    ("two_of_a_kind_are_told_apart", two_of_a_kind),
+    ("two_of_a_kind_are_distinguished", two_of_a_kind),
 ];
 
 fn on_usb() -> Vec<Listing> {
@@ -35,14 +35,18 @@ fn wait_for(count: usize) -> (Vec<Listing>, i64) {
 fn comes_and_goes() {
     assert_eq!(wait_for(0).0, []);
     let mut unit = liberty();
-    let (listed, came) = wait_for(1);
+    let (listed, arrived) = wait_for(1);
     assert_eq!(
         (listed[0].id.as_str(), listed[0].description.as_str(), &listed[0].unavailable),
         ("usb:1-1", "Polhemus LIBERTY (0f44:ff20) on USB 1-1", &None)
     );
     unit.pull_out();
     let (_, went) = wait_for(0);
-    println!("listed {} ms after it was plugged in, and no more {} ms after it was pulled out", came / MS, went / MS);
+    println!(
+        "listed {} ms after it was plugged in, and no more {} ms after it was pulled out",
+        arrived / MS,
+        went / MS
+    );
     // By its serial number if it has one, and beside another device.
     unit.described.serial_number = Some("LBTY-7".into());
     unit.plug_in();

@@ -14,7 +14,7 @@ pub(crate) const TESTS: &[Test] = &[
     ("poses_of_every_product_are_the_unit_s_to_the_last_bit", every_product),
     ("stations_of_one_unit_come_side_by_side", stations),
     ("eight_reads_wait_in_the_controller", in_flight),
-    ("endpoints_are_found_by_what_the_device_says", other_endpoints),
+    ("endpoints_are_found_by_descriptors", other_endpoints),
     ("bytes_may_be_cut_anywhere_between_transfers", cut_anywhere),
     ("a_host_that_does_not_read_for_a_while_loses_nothing", sleeping_host),
     ("a_reading_asks_for_no_memory", no_allocations),

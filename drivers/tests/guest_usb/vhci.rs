@@ -98,7 +98,7 @@ impl Plug {
             state: Arc::clone(&state),
             reads: VecDeque::new(),
             writes: VecDeque::new(),
-            said: VecDeque::new(),
+            text: VecDeque::new(),
             random: fastrand::Rng::with_seed(11),
         };
         let thread = std::thread::Builder::new().name("device".into()).spawn(move || device.run()).unwrap();
@@ -167,7 +167,7 @@ struct Device<T> {
     reads: VecDeque<Waits>,
     writes: VecDeque<Waits>,
     /// Pieces to be sent.
-    said: VecDeque<Vec<u8>>,
+    text: VecDeque<Vec<u8>>,
     random: fastrand::Rng,
 }
 
@@ -243,10 +243,10 @@ impl<T: Peer> Device<T> {
             let waiting = self.reads.len();
             let [fewest, most] = state.waited.unwrap_or([waiting; 2]);
             state.waited = Some([fewest.min(waiting), most.max(waiting)]);
-            self.said.push_back(bytes);
+            self.text.push_back(bytes);
         }
         let packet = self.packet_to_host();
-        while let Some(front) = self.said.front_mut()
+        while let Some(front) = self.text.front_mut()
             && let Some(read) = self.reads.front_mut()
         {
             let room = packet.min(read.length - read.bytes.len());
@@ -258,7 +258,7 @@ impl<T: Peer> Device<T> {
             };
             read.bytes.extend(front.drain(..bytes));
             if front.is_empty() {
-                self.said.pop_front();
+                self.text.pop_front();
             }
             state.packets += 1;
             // A packet that is not full ends a transfer.

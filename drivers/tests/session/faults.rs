@@ -13,18 +13,18 @@ use crate::{BEGIN, Shared, about, chunks_of, frame, pose, read, writer};
 
 /// Writes one second of frames and poses; returns how many write errors were reported.
 fn second(session: &mut SessionWriter, source: Source, from: u64) -> u64 {
-    let mut said = 0;
+    let mut text = 0;
     for n in 0..100 {
         let (item, at) = (from * 100 + n, BEGIN + (from * 100 + n) as i64 * 10 * MS);
         for reading in [pose(item, at), frame(item, at, [64, 64])] {
             match session.write(source, &reading, at) {
                 Ok(()) => {}
-                Err(Error::Io { .. }) => said += 1,
+                Err(Error::Io { .. }) => text += 1,
                 Err(other) => panic!("{other}"),
             }
         }
     }
-    said
+    text
 }
 
 fn small() -> WriterOptions {
@@ -60,8 +60,8 @@ fn full_disk_loses_excess_and_reports_once() {
         assert_eq!((account.stored + account.lost, account.failures), (account.messages, 1));
         let all = read(&disk.bytes()).unwrap();
         assert_eq!((all.damage.len(), all.ending, all.missing), (0, Some(Ending::Finished), account.lost));
-        let told: u64 = all.losses.iter().map(formats::session::Loss::messages).sum();
-        assert_eq!((told, all.losses.len()), (account.lost, 1));
+        let reported: u64 = all.losses.iter().map(formats::session::Loss::messages).sum();
+        assert_eq!((reported, all.losses.len()), (account.lost, 1));
         let loss = &all.losses[0];
         assert!(loss.why.contains("No space left"), "{}", loss.why);
         assert!(loss.from_ns > BEGIN + SECOND && loss.until_ns < BEGIN + 3 * SECOND && loss.from_ns < loss.until_ns);
@@ -154,10 +154,10 @@ fn real_full_disk_recovers_when_freed() {
     // The session's clock is the host's; the readings' times are not, so that they wait for no
     // chunk.
     let base = session.account();
-    let (mut said, mut wrote) = (0, 0);
-    while said == 0 {
+    let (mut text, mut wrote) = (0, 0);
+    while text == 0 {
         let at = sonoweave_core::clock::Clock::now_ns(&sonoweave_core::clock::Monotonic) + wrote as i64 * 10 * MS;
-        said += u64::from(session.write(source, &frame(wrote, at, [64, 64]), at).is_err());
+        text += u64::from(session.write(source, &frame(wrote, at, [64, 64]), at).is_err());
         wrote += 1;
         assert!(wrote < 5000, "{base:?}");
     }

@@ -19,7 +19,7 @@ fn recorded(path: &Path, chunk_ns: i64) -> Vec<String> {
     written.into_iter().map(|(_, reading)| reading).filter(|reading| reading.starts_with("Frame")).collect()
 }
 
-fn told(frames: &mut Frames, place: usize) -> Option<String> {
+fn reported(frames: &mut Frames, place: usize) -> Option<String> {
     frames.read(place).unwrap().map(|frame| format!("{:?}", Reading::Frame(frame)))
 }
 
@@ -34,9 +34,9 @@ fn frames_match_written_in_any_order() {
         assert_eq!(frames.count(), 60);
         // 37 and 60 are coprime: each frame comes once.
         for place in (0..60).map(|n| n * 37 % 60).chain((0..60).rev()).chain([5, 5, 59, 0]) {
-            assert_eq!(told(&mut frames, place).as_ref(), Some(&written[place]), "{place}");
+            assert_eq!(reported(&mut frames, place).as_ref(), Some(&written[place]), "{place}");
         }
-        assert_eq!(told(&mut frames, 60), None);
+        assert_eq!(reported(&mut frames, 60), None);
         assert_eq!(Frames::open(&path, "tracker", &Limits::default()).unwrap().count(), 0);
     }
 }
@@ -54,13 +54,13 @@ fn unreadable_chunk_has_no_frames_changed_file_is_refused() {
     let mut frames = Frames::open(&path, "grabber", &Limits::default()).unwrap();
     let count = frames.count();
     assert!((40..60).contains(&count), "a chunk is lost: {count}");
-    assert_eq!(told(&mut frames, count - 1).as_ref(), written.last());
+    assert_eq!(reported(&mut frames, count - 1).as_ref(), written.last());
     std::fs::write(&path, &bytes).unwrap();
     let mut frames = Frames::open(&path, "grabber", &Limits::default()).unwrap();
     std::fs::write(&path, &damaged).unwrap();
     let error = frames.read(20).unwrap_err();
     assert!(matches!(error, formats::Error::Session { .. }), "{error}");
-    assert_eq!(told(&mut frames, 59).as_ref(), written.last(), "others are there still");
+    assert_eq!(reported(&mut frames, 59).as_ref(), written.last(), "others are there still");
     let nothing = folder.path().join("none.mcap");
     assert!(Frames::open(&nothing, "grabber", &Limits::default()).is_err());
 }

@@ -47,18 +47,18 @@ fn killed_writer_loses_at_most_last_second() {
             .unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap());
         let reader = std::thread::spawn(move || {
-            let told = |line: String| {
+            let reported = |line: String| {
                 let mut words = line.strip_prefix("told ")?.split(' ');
                 Some((words.next()?.parse::<u64>().ok()?, words.next()?.parse::<i64>().ok()?))
             };
-            lines.lines().map_while(Result::ok).filter_map(told).collect::<Vec<_>>()
+            lines.lines().map_while(Result::ok).filter_map(reported).collect::<Vec<_>>()
         });
         std::thread::sleep(Duration::from_millis(random.u64(700..2200)));
         child.kill().unwrap();
         child.wait().unwrap();
-        let told = reader.join().unwrap();
-        let Some((_, last_ns)) = told.last() else { panic!("round {round}: nothing was written") };
-        let old = told.iter().filter(|(_, at)| *at < last_ns - SECOND).count();
+        let reported = reader.join().unwrap();
+        let Some((_, last_ns)) = reported.last() else { panic!("round {round}: nothing was written") };
+        let old = reported.iter().filter(|(_, at)| *at < last_ns - SECOND).count();
         let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
         let bytes = std::fs::read(&file).unwrap();
         let left = read(&bytes).unwrap();
@@ -66,7 +66,7 @@ fn killed_writer_loses_at_most_last_second() {
         // Each item gives a pose and a frame, in order and without gaps.
         assert!(left.readings.len() >= 2 * old, "round {round}: {} of {old} twice", left.readings.len());
         for (n, pair) in left.readings.chunks(2).enumerate() {
-            let (item, at) = told[n];
+            let (item, at) = reported[n];
             assert_eq!(pair[0].3, format!("{:?}", pose(item, at)));
             if let Some(second) = pair.get(1) {
                 assert_eq!(second.3, format!("{:?}", frame(item, at, [160, 120])));

@@ -41,8 +41,8 @@ fn all(replay: &mut SessionReplay) -> Result<Vec<(Option<String>, String)>, Erro
 fn replay_of_all_or_one_device_matches_recording() {
     let folder = tempfile::tempdir().unwrap();
     let (settings, written) = recorded(folder.path(), |_| {});
-    for wanted in [None, Some("tracker"), Some("grabber")] {
-        let settings = SessionSettings { device: wanted.map(str::to_owned), ..settings.clone() };
+    for required in [None, Some("tracker"), Some("grabber")] {
+        let settings = SessionSettings { device: required.map(str::to_owned), ..settings.clone() };
         let mut replay = SessionReplay::open(&settings).unwrap();
         let names: Vec<&str> = replay.devices().iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["tracker", "grabber"]);
@@ -50,7 +50,7 @@ fn replay_of_all_or_one_device_matches_recording() {
             assert!(matches!(replay.next(0), Err(Error::Stopped(_))));
             replay.start().unwrap();
             let found = all(&mut replay).unwrap();
-            let expected: Vec<_> = written.iter().filter(|(by, _)| wanted.is_none() || *by == wanted).collect();
+            let expected: Vec<_> = written.iter().filter(|(by, _)| required.is_none() || *by == required).collect();
             assert_eq!(found.len(), expected.len());
             for ((by, reading), (device, expected)) in found.iter().zip(expected) {
                 assert_eq!((by.as_deref(), reading), (*device, expected));
@@ -119,9 +119,9 @@ fn interrupted_session_ends_and_inner_damage_is_error() {
     replay.start().unwrap();
     let error = all(&mut replay).err().unwrap();
     let Some(formats::Error::Damaged { damage, .. }) = error.cause() else { panic!("{error}") };
-    let says =
+    let sentence =
         format!("session.mcap: byte {}: a chunk with a wrong checksum, up to byte {}", damage.from, damage.until);
-    assert!(error.to_string().contains(&says), "{error}");
+    assert!(error.to_string().contains(&sentence), "{error}");
     assert!(matches!(replay.next(0), Err(Error::Failed(_))), "no reading follows an error");
     // Losses during recording are known at the end.
     let disk = Shared::default();

@@ -96,9 +96,9 @@ impl LiveApp<'_> {
     fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
         let client = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
         let mut stages = stages(bedside, client)?;
-        if let Some(screen) = self.publisher.screen() {
-            stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
-            stages.observers.push(screen as Arc<dyn Observer>);
+        if let Some(broadcaster) = self.publisher.broadcaster() {
+            stages.plane_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn PlaneViewer>);
+            stages.observers.push(broadcaster as Arc<dyn Observer>);
             stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);
             stages.readers.push(Arc::clone(&self.controller) as Arc<dyn Reader>);
         }

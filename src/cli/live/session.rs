@@ -84,8 +84,8 @@ pub(in crate::cli) fn session(
     let igtl = arguments.sharing.begin(&quit, arguments.quiet)?;
     igtl.iter().for_each(|igtl| igtl.control(&controller));
     let terminal = if arguments.quiet || arguments.headless { None } else { Terminal::of(&bedside.picture) };
-    let screen = publisher.screen();
-    let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
+    let broadcaster = publisher.broadcaster();
+    let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), broadcaster.as_ref());
     let app = LiveApp {
         arguments,
         quit,

@@ -29,7 +29,7 @@ pub(in crate::cli) struct StatusPublisher {
     service: Service,
     latest: Arc<Latest>,
     console: Option<Console>,
-    screen: Option<Arc<FrameBroadcaster>>,
+    broadcaster: Option<Arc<FrameBroadcaster>>,
     slices: Arc<Slices>,
     guidance: Option<Arc<ScanGuidance>>,
     /// Time of the last status update for clients.
@@ -48,14 +48,14 @@ impl StatusPublisher {
         controller: &Arc<SessionController>,
     ) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(basis(bedside, kind)));
-        let screen = listen.as_ref().map(|_| Arc::new(FrameBroadcaster::default()));
+        let broadcaster = listen.as_ref().map(|_| Arc::new(FrameBroadcaster::default()));
         let slices = Arc::new(Slices::default());
-        let console = match (&listen, &screen) {
-            (Some(listen), Some(screen)) => {
+        let console = match (&listen, &broadcaster) {
+            (Some(listen), Some(broadcaster)) => {
                 let session = ConsoleSession {
                     latest: Arc::clone(&latest),
-                    screen: Arc::clone(screen),
-                    desk: Arc::clone(controller),
+                    broadcaster: Arc::clone(broadcaster),
+                    controller: Arc::clone(controller),
                     slices: Arc::clone(&slices),
                 };
                 Some(Console::open(listen, session)?)
@@ -63,7 +63,8 @@ impl StatusPublisher {
             _ => None,
         };
         let service = Service::new();
-        let mut publisher = Self { kind, service, latest, console, screen, slices, guidance: None, published: None };
+        let mut publisher =
+            Self { kind, service, latest, console, broadcaster, slices, guidance: None, published: None };
         publisher.begin_volume(bedside)?;
         Ok(publisher)
     }
@@ -73,9 +74,9 @@ impl StatusPublisher {
     /// # Errors
     /// [`Failure`] for an invalid kernel.
     pub(in crate::cli) fn begin_volume(&mut self, bedside: &Bedside) -> Result<(), Failure> {
-        if let Some(screen) = &self.screen {
+        if let Some(broadcaster) = &self.broadcaster {
             let guidance = guidance(bedside)?;
-            screen.follow(&guidance);
+            broadcaster.follow(&guidance);
             self.guidance = Some(guidance);
         }
         self.slices.restart(kernels(bedside).map(|[_, _, across]| across));
@@ -89,8 +90,8 @@ impl StatusPublisher {
     }
 
     /// Returns the browser viewers' view of the volume, if there is a console.
-    pub(in crate::cli) fn screen(&self) -> Option<Arc<FrameBroadcaster>> {
-        self.screen.clone()
+    pub(in crate::cli) fn broadcaster(&self) -> Option<Arc<FrameBroadcaster>> {
+        self.broadcaster.clone()
     }
 
     /// Returns the record of all slice positions.
@@ -117,7 +118,7 @@ impl StatusPublisher {
     /// Publishes the final status.
     pub(in crate::cli) fn over(&mut self, status: &SessionStatus) {
         self.published = Some(Instant::now());
-        self.latest.tell(status, &[]);
+        self.latest.publish(status, &[]);
     }
 
     /// Publishes the status while the session runs, and once when it begins to end.
@@ -133,16 +134,16 @@ impl StatusPublisher {
             self.published = Some(Instant::now());
             // Scan guidance is useless for a replay.
             if let Some(guidance) = self.guidance.as_ref().filter(|_| self.kind != REPLAY) {
-                self.latest.coached(guidance.status(status, Monotonic.now_ns()));
+                self.latest.publish_guidance(guidance.status(status, Monotonic.now_ns()));
             }
-            self.latest.tell(status, self.service.stalled());
+            self.latest.publish(status, self.service.stalled());
         }
     }
 }
 
 /// Returns the session's settings, as published.
 fn basis(bedside: &Bedside, kind: &'static str) -> Basis {
-    Basis { config: bedside.effective.clone(), doubt: doubt(bedside), about: about(bedside, kind) }
+    Basis { config: bedside.effective.clone(), uncertainty: uncertainty(bedside), about: about(bedside, kind) }
 }
 
 /// Returns the slices' kernels, if the calibration gives the pixel size.
@@ -151,7 +152,7 @@ fn kernels(bedside: &Bedside) -> Option<[AxisKernel; 3]> {
 }
 
 /// Returns the position uncertainty of the volume.
-fn doubt(bedside: &Bedside) -> Uncertainty {
+fn uncertainty(bedside: &Bedside) -> Uncertainty {
     let quality = bedside.calibration.preset.as_ref().and_then(|preset| preset.quality);
     let widest = |kernels: [AxisKernel; 3]| kernels.map(|k| k.hwhm() * k.sigma_mm).into_iter().fold(0.0, f64::max);
     Uncertainty {

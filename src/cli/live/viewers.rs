@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use config::bedside::Picture;
 use console::FrameBroadcaster;
-use console::style::Ground;
+use console::style::ConfiguredStyle;
 use pipeline::live::{Drawn, First, ViewClient};
 use render::camera::View;
 use render::{Mode, RenderSettings, Renderer};
@@ -18,7 +18,7 @@ pub(in crate::cli) struct Viewers {
     terminal: Option<Arc<Terminal>>,
     /// Whether a picture file is requested at the end.
     lasting: bool,
-    screen: Option<Arc<FrameBroadcaster>>,
+    broadcaster: Option<Arc<FrameBroadcaster>>,
 }
 
 impl Viewers {
@@ -27,23 +27,23 @@ impl Viewers {
         picture: &Picture,
         terminal: Option<&Arc<Terminal>>,
         lasting: bool,
-        screen: Option<&Arc<FrameBroadcaster>>,
+        broadcaster: Option<&Arc<FrameBroadcaster>>,
     ) -> Option<Arc<Self>> {
-        (terminal.is_some() || lasting || screen.is_some()).then(|| {
-            let (terminal, screen) = (terminal.cloned(), screen.cloned());
-            let viewers = Self { picture: Mutex::new(picture.clone()), terminal, lasting, screen };
-            viewers.ground(picture);
+        (terminal.is_some() || lasting || broadcaster.is_some()).then(|| {
+            let (terminal, broadcaster) = (terminal.cloned(), broadcaster.cloned());
+            let viewers = Self { picture: Mutex::new(picture.clone()), terminal, lasting, broadcaster };
+            viewers.configure(picture);
             Arc::new(viewers)
         })
     }
 
     /// Sends the configured view settings to pages.
-    fn ground(&self, picture: &Picture) {
+    fn configure(&self, picture: &Picture) {
         // If they are invalid, the render thread reports why.
-        if let (Some(screen), Ok(settings)) = (&self.screen, picture.settings(None)) {
+        if let (Some(broadcaster), Ok(settings)) = (&self.broadcaster, picture.settings(None)) {
             let (name, range) = (picture.view.transfer_name().to_owned(), picture.window);
-            let heeded = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
-            screen.ground(Ground { transfer: settings.transfer, name, range, heeded });
+            let uses_opacities = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
+            broadcaster.configure(ConfiguredStyle { transfer: settings.transfer, name, range, uses_opacities });
         }
     }
 
@@ -53,7 +53,7 @@ impl Viewers {
             terminal.set_picture(picture);
         }
         picture.clone_into(&mut self.picture());
-        self.ground(picture);
+        self.configure(picture);
     }
 
     fn picture(&self) -> MutexGuard<'_, Picture> {
@@ -71,30 +71,30 @@ impl ViewClient for Viewers {
     }
 
     fn style_revision(&self) -> u64 {
-        self.screen.as_ref().map_or(0, |screen| screen.dressing())
+        self.broadcaster.as_ref().map_or(0, |broadcaster| broadcaster.style_number())
     }
 
     fn restyle(&self, settings: &mut RenderSettings) {
-        if let Some(screen) = &self.screen {
-            screen.put_on(settings);
+        if let Some(broadcaster) = &self.broadcaster {
+            broadcaster.apply_style(settings);
         }
     }
 
     fn view(&self, home: View) -> View {
-        self.screen.as_ref().map_or(home, |screen| screen.view(home))
+        self.broadcaster.as_ref().map_or(home, |broadcaster| broadcaster.view(home))
     }
 
     fn answer(&self, shown: Option<&Renderer>) {
-        if let Some(screen) = &self.screen {
-            screen.answer(shown);
+        if let Some(broadcaster) = &self.broadcaster {
+            broadcaster.answer(shown);
         }
     }
 
     fn is_watched(&self) -> bool {
         // Without pages, a requested picture file is rendered all the time, so that it is ready
         // at the end.
-        let Some(screen) = &self.screen else { return true };
-        self.terminal.is_some() || screen.is_watched()
+        let Some(broadcaster) = &self.broadcaster else { return true };
+        self.terminal.is_some() || broadcaster.is_watched()
     }
 
     fn keeps_last(&self) -> bool {
@@ -102,16 +102,16 @@ impl ViewClient for Viewers {
     }
 
     fn turn(&self) -> Duration {
-        self.screen.as_ref().map_or(TURN, |screen| screen.turn())
+        self.broadcaster.as_ref().map_or(TURN, |broadcaster| broadcaster.turn())
     }
 
     fn shown(&self, drawn: &Drawn) {
         if let Some(terminal) = &self.terminal {
             terminal.shown(drawn);
         }
-        if let Some(screen) = &self.screen {
+        if let Some(broadcaster) = &self.broadcaster {
             let background = self.picture().background;
-            screen.drawn(drawn, background);
+            broadcaster.drawn(drawn, background);
         }
     }
 }

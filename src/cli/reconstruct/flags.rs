@@ -206,7 +206,7 @@ impl Flags {
             },
             ..Session::new(config.pairing_options(self.world.as_deref()), mask, settings)
         };
-        let input = SequenceSettings { told: input::turning(), ..SequenceSettings::new(sequence) };
+        let input = SequenceSettings { progress: input::turning(), ..SequenceSettings::new(sequence) };
         let frames = self.frames.clone().unwrap_or(0..u64::MAX);
         Ok(Sweep { input, frames, off_plane, session, config })
     }

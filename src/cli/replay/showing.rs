@@ -76,7 +76,8 @@ pub(super) fn run(request: &ReplayRequest<'_>, address: SocketAddr, keep: Option
     let publisher = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &controller)?;
     publisher.address().iter().for_each(|address| say(&format!("console: {address}")));
     let igtl = request.sharing.begin(&quit, false)?;
-    let viewers = Viewers::of(&bedside.picture, None, request.outputs.picture.is_some(), publisher.screen().as_ref());
+    let viewers =
+        Viewers::of(&bedside.picture, None, request.outputs.picture.is_some(), publisher.broadcaster().as_ref());
     Showing { request, quit, controller, publisher, viewers, igtl, reel, printed: Instant::now() }.run()
 }
 
@@ -91,8 +92,8 @@ impl Showing<'_> {
             }
             let stages = self.stages(&bedside)?;
             stages.observers.iter().for_each(|observer| observer.cleared());
-            if let Some(screen) = self.publisher.screen() {
-                screen.point_out(None);
+            if let Some(broadcaster) = self.publisher.broadcaster() {
+                broadcaster.highlight(None);
             }
             self.controller.runs(false, name_of(self.request.session));
             let ended = match self.replay(&stages, &bedside, is_tried) {
@@ -147,9 +148,9 @@ impl Showing<'_> {
     fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
         let client = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
         let mut stages = stages(bedside, client)?;
-        if let Some(screen) = self.publisher.screen() {
-            stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
-            stages.observers.push(Arc::new(Pages(screen)));
+        if let Some(broadcaster) = self.publisher.broadcaster() {
+            stages.plane_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn PlaneViewer>);
+            stages.observers.push(Arc::new(Pages(broadcaster)));
         }
         stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);
         stages.observers.extend(self.publisher.guidance().map(|guidance| guidance as Arc<dyn Observer>));
@@ -243,9 +244,9 @@ impl Showing<'_> {
     fn show(&mut self, place: usize) -> Result<(), String> {
         let Still { item, time_s, image } = self.reel.still(place)?;
         let corners = self.publisher.slices().corners(item);
-        if let Some(screen) = self.publisher.screen() {
-            screen.recorded(item, &image);
-            screen.point_out(corners);
+        if let Some(broadcaster) = self.publisher.broadcaster() {
+            broadcaster.recorded(item, &image);
+            broadcaster.highlight(corners);
         }
         let seen = ViewedFrame { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
         if let Some(replayed) = self.controller.replayed() {

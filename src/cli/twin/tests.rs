@@ -1,7 +1,7 @@
 use clap::Parser;
 
 use drivers::OpenSettings;
-use drivers::arm::{ArmSettings, Model as ArmModel, Settings as ArmSetup, ea1::Speech};
+use drivers::arm::{ArmSettings, Model as ArmModel, Settings as ArmSetup, ea1::SampleFormat};
 use drivers::simulated::Placed;
 use drivers::tracker::polhemus::{Model, Port as TrackerPort, Settings, TrackerSettings};
 use sonoweave_core::reading::Reading;
@@ -30,31 +30,31 @@ fn playing(flags: &str, action: impl FnOnce(&Path, &Arguments, i64)) -> String {
     let arguments = Arguments { link: Some(link.clone()), ..arguments(flags) };
     let begin_ns = Monotonic.now_ns();
     let ends = AtomicBool::new(false);
-    let text = std::thread::scope(|scope| {
+    let said = std::thread::scope(|scope| {
         let player = scope.spawn(|| {
-            let mut text = Vec::new();
-            play(&arguments, begin_ns, &ends, &mut text).map(|()| text)
+            let mut said = Vec::new();
+            play(&arguments, begin_ns, &ends, &mut said).map(|()| said)
         });
         // A panic in `action` must not leave the simulation running.
         let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| action(&link, &arguments, begin_ns)));
         ends.store(true, Ordering::Relaxed);
-        let text = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
+        let said = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
         if let Err(panic) = done {
             std::panic::resume_unwind(panic);
         }
-        text
+        said
     });
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no link is left");
-    String::from_utf8(text).unwrap()
+    String::from_utf8(said).unwrap()
 }
 
-/// Reads `count` readings of a device that exists, or appears soon.
-fn readings(settings: &OpenSettings, count: usize) -> Vec<Reading> {
+/// Reads `wanted` readings of a device that exists, or appears soon.
+fn readings(settings: &OpenSettings, wanted: usize) -> Vec<Reading> {
     let mut device: Box<dyn Device> = drivers::open(settings).unwrap();
     device.start().unwrap();
     let end = Monotonic.now_ns() + 30 * SECOND;
     let mut found = Vec::new();
-    while found.len() < count {
+    while found.len() < wanted {
         assert!(Monotonic.now_ns() < end, "{:?}", device.health());
         if let Next::Reading(reading) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
             found.push(reading);
@@ -73,7 +73,7 @@ fn drivers_open_twins_and_read_exact_poses() {
         ("viper --found streaming --rate 120", Model::Viper, 240.0),
     ];
     for (flags, model, hz) in cases {
-        let text = playing(flags, |link, arguments, begin_ns| {
+        let said = playing(flags, |link, arguments, begin_ns| {
             let port = TrackerPort::Serial { path: link.into(), baud: Some(115_200) };
             let settings = Settings { stations: vec![1, 2], ..Settings::default() };
             let settings = OpenSettings::Tracker(TrackerSettings { model, port, settings, keeps_raw: false });
@@ -94,15 +94,15 @@ fn drivers_open_twins_and_read_exact_poses() {
                 assert!(exact, "{flags}: {pose:?}");
             }
         });
-        assert!(text.contains(", linked from ") && text.contains("to and fro"), "{text}");
-        assert!(text.contains("obeyed: ") && text.contains("bytes sent, 0 of them lost"), "{text}");
+        assert!(said.contains(", linked from ") && said.contains("to and fro"), "{said}");
+        assert!(said.contains("obeyed: ") && said.contains("bytes sent, 0 of them lost"), "{said}");
     }
 }
 
 #[test]
 fn arm_counts_are_read_exactly() {
-    let text = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
-        let model = ArmModel::Ea1 { path: link.into(), speech: Speech::Lines };
+    let said = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
+        let model = ArmModel::Ea1 { path: link.into(), format: SampleFormat::Lines };
         let settings = OpenSettings::Arm(ArmSettings { model, settings: ArmSetup::default(), keeps_raw: false });
         let joints = arguments.joints(begin_ns).unwrap();
         for reading in readings(&settings, 60) {
@@ -115,12 +115,12 @@ fn arm_counts_are_read_exactly() {
             assert_eq!(counts.homed, 7);
         }
     });
-    assert!(text.contains("ea1, arm of 3 joints, 100000 counts a turn, found wrong-mode: arm sweep"), "{text}");
+    assert!(said.contains("ea1, arm of 3 joints, 100000 counts a turn, found wrong-mode: arm sweep"), "{said}");
 }
 
 #[test]
 fn three_axes_three_terminals_replugged_under_same_name() {
-    let text = playing("qsb --unplug-every 0.3", |link, _, _| {
+    let said = playing("qsb --unplug-every 0.3", |link, _, _| {
         let axis = |n: u8| link.with_file_name(format!("line{n}"));
         let end = Monotonic.now_ns() + 20 * SECOND;
         let mut seen: Vec<PathBuf> = Vec::new();
@@ -147,9 +147,9 @@ fn three_axes_three_terminals_replugged_under_same_name() {
         }
         assert!(axis(1).is_symlink() && axis(2).is_symlink());
     });
-    let lines = |of: &str| text.lines().filter(|line| line.contains(of)).count();
-    assert!(lines("qsb axis 3, linked from") >= 2 && lines("unplugged for 2 s") >= 1, "{text}");
-    assert!(text.contains("no program sent a command"), "{text}");
+    let lines = |of: &str| said.lines().filter(|line| line.contains(of)).count();
+    assert!(lines("qsb axis 3, linked from") >= 2 && lines("unplugged for 2 s") >= 1, "{said}");
+    assert!(said.contains("no program sent a command"), "{said}");
 }
 
 #[test]
@@ -197,20 +197,20 @@ fn words_formats_commands() {
     assert_eq!(words(b"\r"), "end of line");
     assert_eq!(words(&[0xc2]), "c2");
     assert_eq!(words(&drivers::tracker::polhemus::viper::Command::WhoAmI.bytes()), "get 20");
-    let mut commands = BTreeMap::from([("P".to_owned(), 3)]);
-    commands.insert("c".into(), 1);
+    let mut asked = BTreeMap::from([("P".to_owned(), 3)]);
+    asked.insert("c".into(), 1);
     let tally = Tally { bytes: 1000, dropped: 5, garbled: 2, withheld: 1 };
     assert_eq!(
-        summary(12.34, tally, &commands),
+        summary(12.34, tally, &asked),
         "12.3 s: 1000 bytes sent, 5 of them lost and 2 garbled; 1 records not sent\nobeyed: P ×3; c ×1\n"
     );
-    let text =
+    let said =
         arguments("liberty --noise 0.3,0.1 --garble 0.001 --dropout 0.01 --drift -40 --jitter 2").describe().unwrap();
-    assert!(text.starts_with("liberty, 2 sensors, found quiet: freehand sweep of 120 poses"), "{text}");
+    assert!(said.starts_with("liberty, 2 sensors, found quiet: freehand sweep of 120 poses"), "{said}");
     assert!(
-        text.ends_with(
+        said.ends_with(
             "faults: noise of 0.3 mm and 0.1°, 0.1 % garbled, 1 % of records not sent, clock off by -40 parts in a million, up to 2 ms of jitter"
         ),
-        "{text}"
+        "{said}"
     );
 }

@@ -10,7 +10,6 @@ use drivers::grabber::pixels::Colour;
 use drivers::tracker::polhemus::{self, Model, Port, TrackerSettings};
 use sync::graph::Names;
 
-pub use super::frames::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
 use super::reader::Reader;
 use super::remote::{self, Remote};
 use super::schema::{self, values::TextOr};
@@ -20,6 +19,15 @@ pub use super::schema::devices::ArmKind;
 
 /// Value in place of a port or a node for a device of the virtual bedside.
 pub const VIRTUAL: &str = "virtual";
+/// Frame of the tracker's transmitter, or of the arm's base.
+pub const TRACKER_FRAME: &str = "Tracker";
+/// Frame of the sensor on the transducer, or of the arm's last link.
+pub const PROBE_FRAME: &str = "Probe";
+/// Frame of the sensor on the patient.
+pub const REFERENCE_FRAME: &str = "Reference";
+/// Frame of the stylus.
+pub const STYLUS_FRAME: &str = "Stylus";
+
 /// The device that carries or locates the probe.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Tracking {
@@ -169,7 +177,7 @@ impl Tracker {
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
         let tracker = Self { model, port, settings, roles, latency_ns };
         let port = tracker.port.clone().unwrap_or(Port::Serial { path: VIRTUAL.into(), baud: None });
-        drivers::open(&tracker.open_settings(port, false)).map_err(|error| keys.refused(&error))?;
+        drivers::open(&tracker.open_settings(port, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(tracker)
     }
 }
@@ -207,7 +215,7 @@ impl Arm {
     pub fn open_settings(&self, ports: &[PathBuf], keeps_raw: bool) -> OpenSettings {
         let line = |n: usize| ports.get(n).cloned().unwrap_or_default();
         let model = match self.kind {
-            ArmKind::Ea1(protocol) => arm::Model::Ea1 { path: line(0), speech: protocol },
+            ArmKind::Ea1(format) => arm::Model::Ea1 { path: line(0), format },
             ArmKind::Qsb => arm::Model::Qsb { paths: [line(0), line(1), line(2)] },
             ArmKind::MicroScribe(family, encoders) => arm::Model::MicroScribe { path: line(0), family, encoders },
         };
@@ -215,7 +223,7 @@ impl Arm {
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, Error> {
-        use arm::ea1::Speech::{Blocks, Lines};
+        use arm::ea1::SampleFormat::{Blocks, Lines};
         let given: schema::devices::Arm = keys.read()?;
         let mut kind = keys.need("kind", given.kind)?.0;
         if given.blocks {
@@ -225,7 +233,7 @@ impl Arm {
             kind = ArmKind::Ea1(Blocks);
         }
         match (&mut kind, given.encoders) {
-            (ArmKind::MicroScribe(_, own), Some(given)) => *own = given,
+            (ArmKind::MicroScribe(_, own), Some(asked)) => *own = asked,
             (_, Some(_)) => {
                 return Err(
                     keys.error("encoders", "applies to kind = \"microscribe\" and \"immersion\" only; leave it out")
@@ -252,7 +260,7 @@ impl Arm {
         let ports = (ports != [VIRTUAL]).then(|| ports.into_iter().map(PathBuf::from).collect());
         let arm = Self { kind, ports, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
         let named = arm.ports.clone().unwrap_or_default();
-        drivers::open(&arm.open_settings(&named, false)).map_err(|error| keys.refused(&error))?;
+        drivers::open(&arm.open_settings(&named, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(arm)
     }
 }
@@ -330,7 +338,24 @@ impl Grabber {
             return Err(keys.error("colour", "a virtual grabber makes grey frames only; leave it out"));
         }
         let grabber = Self { is_virtual, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
-        drivers::open(&grabber.open_settings()).map_err(|error| keys.refused(&error))?;
+        drivers::open(&grabber.open_settings()).map_err(|error| misuse(&keys, &error))?;
         Ok(grabber)
+    }
+}
+
+/// Converts a driver's complaint about settings to an error at the right key.
+pub(super) fn misuse(keys: &Reader<'_, '_>, error: &drivers::Error) -> Error {
+    match error {
+        drivers::Error::Setting { setting, problem, .. } => match *setting {
+            "stations" => keys.error("probe_station", problem),
+            "stylus" => keys.error("stylus_station", problem),
+            "fastest" => keys.error("fastest_counts_per_s", problem),
+            // For a server's settings: names of transforms, and of the image.
+            "transforms" => keys.error("probe", problem),
+            "image" => keys.error("input", problem),
+            setting if keys.knows(setting) => keys.error(setting, problem),
+            _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
+        },
+        _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
     }
 }

@@ -140,7 +140,7 @@ fn examples_give_device_settings() {
 
     let arm = example("arm-grabber.toml");
     let Tracking::Arm(own) = &arm.tracking else { panic!("an arm") };
-    assert_eq!((own.kind, own.lines()), (ArmKind::Ea1(drivers::arm::ea1::Speech::Lines), 1));
+    assert_eq!((own.kind, own.lines()), (ArmKind::Ea1(drivers::arm::ea1::SampleFormat::Lines), 1));
     assert!(arm.calibration.arm.is_some(), "its joints are the calibration file's");
     assert_eq!(arm.tracking.names(), [("Probe".to_owned(), "Tracker".to_owned())]);
     assert_eq!(arm.volume.path, PathChoice::Planar);

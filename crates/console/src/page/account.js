@@ -27,7 +27,7 @@ export class AccountCards {
 
   /// Called four times a second. `screen` and `view`: delays until pictures are on this screen;
   /// `shown`: live pictures per second here.
-  tell(account, { screen, view, shown }) {
+  update(account, { screen, view, shown }) {
     // The devices of an ended session are closed, which is no fault.
     const over = account.desk?.phase === "over";
     this.#vital("devices", over ? { how: "plain", says: "closed" } : devices(account.devices));

@@ -10,7 +10,7 @@ export class CommandButtons {
   #steers = false;
   #desk = null;
   #volume = null;
-  #asked = null;
+  #pending = null;
 
   /// `row` holds the buttons, `ask` is the confirmation dialog, `send(message)` sends a command to
   /// the session.
@@ -32,13 +32,13 @@ export class CommandButtons {
     // The dialog's own `close` event arrives with the screen's next frame, when the next
     // question may already be open.
     ask.querySelector("form").addEventListener("submit", ({ submitter }) => {
-      if (submitter.value === "yes") this.#send(this.#asked);
+      if (submitter.value === "yes") this.#send(this.#pending);
     });
     this.#show();
   }
 
   /// Receives the session's status; null while the connection is lost.
-  tell(desk, volume) {
+  update(desk, volume) {
     this.#desk = desk;
     this.#volume = volume;
     this.#show();
@@ -61,7 +61,7 @@ export class CommandButtons {
   }
 
   #sure(message, question, consequence, yes) {
-    this.#asked = message;
+    this.#pending = message;
     this.#ask.querySelector("h2").textContent = question;
     this.#ask.querySelector("p").textContent = consequence;
     this.#ask.querySelector("[value=yes]").textContent = yes;

@@ -24,7 +24,7 @@ export class Levels {
   #levels = [0, 255];
   #counts = new Map();
   #window = [0, 255];
-  #dress = null;
+  #style = null;
   #points = null;
   #held = null;
   #own = -Infinity;
@@ -70,8 +70,8 @@ export class Levels {
   }
 
   /// Receives the style of the volume's picture; null if no volume is rendered.
-  dress(told) {
-    this.#dress = told;
+  style(told) {
+    this.#style = told;
     if (!told) return;
     if (!this.#isOwn()) this.#points = told.points;
     const options = [["", `as configured (${told.configured})`, ""], ...told.presets.map(([name, purpose]) => [name, name, purpose])];
@@ -132,7 +132,7 @@ export class Levels {
   }
 
   #edits() {
-    return this.#points !== null && this.#dress?.heeded === true;
+    return this.#points !== null && this.#style?.heeded === true;
   }
 
   #listen() {

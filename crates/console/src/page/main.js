@@ -3,7 +3,7 @@
 
 import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
-import { CoachCard } from "./coach.js";
+import { GuidanceCard } from "./guidance.js";
 import { CommandButtons } from "./commands.js";
 import { JPEG, SLICE, VIEW } from "./header.js";
 import { Marks } from "./marks.js";
@@ -12,7 +12,7 @@ import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
 import { Replay } from "./replay.js";
-import { Sight } from "./sight.js";
+import { ViewFigures } from "./view_figures.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
 import { Tone } from "./tone.js";
@@ -20,22 +20,22 @@ import { troubles } from "./troubles.js";
 import { View } from "./view.js";
 
 // Interval of the status check, ms.
-const LOOK = 250;
+const UPDATE_MS = 250;
 
 const of = (id) => document.getElementById(id);
 const measured = new Measurements();
 window.sonoweave = measured.open;
 
 const cards = new AccountCards(of);
-const coach = new CoachCard(of);
+const guidance = new GuidanceCard(of);
 const marks = new Marks(of("view-marks"), of("view-legend"));
-const sight = new Sight(of("view-figures"));
-measured.open.sight = sight.open;
+const viewFigures = new ViewFigures(of("view-figures"));
+measured.open.projected = viewFigures.open;
 const banner = new Banner(of("banner"), of("announcer"));
 const commands = new CommandButtons(of("commands"), of("ask"), (message) => stream.send(message));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
-  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, sight },
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, figures: viewFigures },
   (message) => stream.send(message),
 );
 const line = { send: (message) => stream.send(message), answer: (header) => stream.answer(header) };
@@ -48,14 +48,14 @@ const measure = new Measure(of, {
   at: () => (planes.shown ? planes.at() : null),
   draw: (figures, slices, open) => {
     planes.mark(figures, slices);
-    sight.show(figures, open);
+    viewFigures.show(figures, open);
   },
   ask,
   speak: (words) => (of("announcer").textContent = words),
 });
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
-const replay = new Replay(of, { send: (message) => stream.send(message), fetch: () => tellMe("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
+const replay = new Replay(of, { send: (message) => stream.send(message), fetch: () => fetchJson("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
 measured.open.replay = replay.open;
 view.clicked = (x, y) => {
   measure.see([x, y]);
@@ -77,15 +77,15 @@ const tone = new Tone(
 measured.open.tone = tone.open;
 
 // Times at which live pictures were requested and the last one arrived, ms since the epoch.
-let asked = null;
-let came = null;
+let requestedAt = null;
+let arrivedAt = null;
 let account = null;
-let heard = null;
+let lastEvent = null;
 let ever = false;
 
 const address = new URL("/v1/stream", location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-const stream = new Stream(address, { picture, word, changed });
+const stream = new Stream(address, { picture, message, changed });
 
 function screen(name, drawn) {
   return new Picture(of(name), (header, whether, decode) => {
@@ -100,11 +100,11 @@ function screen(name, drawn) {
 }
 
 function picture(header, pixels) {
-  if (header.kind === SLICE) came = Date.now();
+  if (header.kind === SLICE) arrivedAt = Date.now();
   if (!planes.offer(header, pixels)) screens[header.kind].offer(header, pixels);
 }
 
-function word(key, value) {
+function message(key, value) {
   if (key === "about") {
     measured.open.about = value;
     cards.about(value);
@@ -114,18 +114,18 @@ function word(key, value) {
     account = value;
     measured.open.account = value;
     const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
-    cards.tell(value, spread);
-    commands.tell(value.desk, value.volume);
-    replay.tell(value.desk);
+    cards.update(value, spread);
+    commands.update(value.desk, value.volume);
+    replay.update(value.desk);
     happened(value.desk.events);
     if (!value.volume && measure.open.results.length + measure.open.points.length > 0) measure.clear();
-    coach.tell(value.coach);
-    look();
+    guidance.show(value.coach);
+    update();
   } else if (key === "marks") {
     marks.show(value);
     planes.outline(value.planes);
   } else if (key === "sight") {
-    sight.told(value);
+    viewFigures.project(value);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
@@ -133,30 +133,30 @@ function word(key, value) {
     replay.control(value);
     planes.control(value);
   } else if (key === "plane") {
-    planes.told(value);
+    planes.describe(value);
   } else if (key === "dress") {
-    planes.dress(value);
+    planes.style(value);
   } else if (key === "refused") {
     banner.say("heed", value);
     replay.refused(value);
-    look();
+    update();
   } else if (key === "done") {
     banner.say("wait", value);
     replay.begun();
-    look();
+    update();
   }
 }
 
 // Announces new events since the page was opened, each once.
 function happened(events) {
   const newest = events.at(-1);
-  if (newest && heard !== null && newest.number > heard) banner.say(newest.how === "failed" ? "bad" : "well", short(newest.says));
-  heard = newest?.number ?? 0;
+  if (newest && lastEvent !== null && newest.number > lastEvent) banner.say(newest.how === "failed" ? "bad" : "well", short(newest.says));
+  lastEvent = newest?.number ?? 0;
 }
 
 function changed() {
   if (stream.open === measured.open.connected) {
-    look();
+    update();
     return;
   }
   measured.open.connected = stream.open;
@@ -165,22 +165,22 @@ function changed() {
     // Another session may be running there now: the last status is void, and pictures are
     // numbered anew.
     account = null;
-    heard = null;
+    lastEvent = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     planes.restart();
-    sight.restart();
+    viewFigures.restart();
     marks.clear();
     show();
   } else {
-    asked = null;
+    requestedAt = null;
     view.control(null);
     commands.control(null);
-    commands.tell(null, null);
+    commands.update(null, null);
     replay.control(null);
     planes.control(null);
     measured.open.control = null;
   }
-  look();
+  update();
 }
 
 // Subscribes to the visible pictures; a hidden page subscribes to none.
@@ -188,21 +188,21 @@ function show() {
   const seen = document.visibilityState === "visible";
   if (!seen) for (const one of [screens[SLICE], screens[VIEW], planes]) one.forget();
   if (!stream.send({ do: "show", slice: seen, view: seen, planes: seen && planes.shown })) return;
-  asked = seen ? Date.now() : null;
+  requestedAt = seen ? Date.now() : null;
 }
 
-function look() {
+function update() {
   const now = Date.now();
   const since = (at) => (at === null ? null : (now - at) / 1000);
   const line = { open: stream.open, ever, gone: stream.gone, lost_s: since(stream.lostAt) ?? 0, next_s: stream.nextAt === null ? null : (stream.nextAt - now) / 1000 };
-  const blank = asked === null ? null : since(Math.max(asked, came ?? 0));
+  const blank = requestedAt === null ? null : since(Math.max(requestedAt, arrivedAt ?? 0));
   const all = troubles({ line, account, blank_s: blank });
   banner.show(all);
   of("again").hidden = stream.open || !ever;
   const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
   const frozen = all.some(({ key }) => key === "frozen" || key === "held");
   const over = stream.open && account?.desk?.phase === "over";
-  mark("slice", frozen ? "frozen" : over && !account.desk.replayed ? "stopped" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
+  mark("slice", frozen ? "frozen" : over && !account.desk.replayed ? "stopped" : old && arrivedAt !== null ? `not live · ${new Date(arrivedAt).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }
@@ -213,10 +213,10 @@ const short = (says) => says.replace(/(^|\s)\S*\/(\S+)$/, "$1$2");
 
 // Sends a request that has an answer.
 function ask(path, body) {
-  return tellMe(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+  return fetchJson(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 }
 
-async function tellMe(path, request) {
+async function fetchJson(path, request) {
   try {
     const answer = await fetch(path, request);
     const text = await answer.text();
@@ -246,7 +246,7 @@ document.addEventListener("keydown", (event) => {
   act();
 });
 document.addEventListener("visibilitychange", show);
-setInterval(look, LOOK);
+setInterval(update, UPDATE_MS);
 // The view's keys work from the start.
 of("view").focus();
 stream.connect();

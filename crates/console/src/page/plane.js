@@ -44,7 +44,7 @@ export class Plane {
   #nothing;
   #picture;
   #handle = null;
-  #told = new Map();
+  #described = new Map();
   #actions;
   #steers = false;
   #at = null;
@@ -75,8 +75,8 @@ export class Plane {
     this.element.append(head, this.#room);
     this.#picture = new Picture(this.#canvas, (header, whether) => {
       settled(kind, header, whether);
-      const lies = this.#told.get(header.sequence);
-      for (const sequence of this.#told.keys()) if (sequence <= header.sequence) this.#told.delete(sequence);
+      const lies = this.#described.get(header.sequence);
+      for (const sequence of this.#described.keys()) if (sequence <= header.sequence) this.#described.delete(sequence);
       if (!whether || !lies) return;
       this.lies = lies.none ? null : lies;
       this.#nothing.textContent = lies.none ?? "";
@@ -88,8 +88,8 @@ export class Plane {
   }
 
   /// Receives the description that precedes a picture.
-  told(lies) {
-    this.#told.set(lies.sequence, lies);
+  describe(lies) {
+    this.#described.set(lies.sequence, lies);
   }
 
   offer(header, pixels) {
@@ -101,7 +101,7 @@ export class Plane {
   }
 
   restart() {
-    this.#told.clear();
+    this.#described.clear();
     this.#picture.restart();
   }
 

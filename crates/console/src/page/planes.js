@@ -110,14 +110,14 @@ export class Planes {
   }
 
   /// Receives the style of the volume's picture.
-  dress(told) {
-    this.#levels.dress(told);
+  style(style) {
+    this.#levels.style(style);
   }
 
   /// Receives the description that precedes a plane's picture.
-  told(lies) {
+  describe(lies) {
     this.open.told[lies.kind] = lies;
-    this.#planes[lies.kind]?.told(lies);
+    this.#planes[lies.kind]?.describe(lies);
   }
 
   /// Takes a picture if it is a plane's.

@@ -39,7 +39,7 @@ export class Replay {
     this.#send = send;
     this.#fetch = fetch;
     this.#speak = speak;
-    of("scrub").addEventListener("input", () => this.#look(Number(of("scrub").value)));
+    of("scrub").addEventListener("input", () => this.#showFrame(Number(of("scrub").value)));
     of("settings-open").addEventListener("click", () => this.#begin());
     of("settings-close").addEventListener("click", () => of("settings").close());
     of("settings-as-recorded").addEventListener("click", () => this.#again({}));
@@ -66,7 +66,7 @@ export class Replay {
   }
 
   /// Receives the session's status; null while the connection is lost.
-  tell(desk) {
+  update(desk) {
     this.#desk = desk;
     this.open.told = desk?.replayed ?? null;
     this.#show();
@@ -77,7 +77,7 @@ export class Replay {
     if (this.#of("settings").open) this.#says(why);
   }
 
-  #look(number) {
+  #showFrame(number) {
     this.#wanted = number;
     if (this.#scheduled) return;
     this.#scheduled = true;

@@ -16,12 +16,12 @@ const WATCH = 1000;
 /// `told`: callbacks for received data. `picture(header, pixels)`, `word(key, value)`, and
 /// `changed()` when the connection opens, breaks, or is being established.
 export class Stream {
-  #told;
+  #handlers;
   #address;
   #socket = null;
   #tries = 0;
   #timer = null;
-  #heard = 0;
+  #receivedAt = 0;
   /// Whether the connection is open.
   open = false;
   /// Whether the session itself has closed the connection because it ended.
@@ -34,9 +34,9 @@ export class Stream {
   /// The last decoding error.
   unread = "";
 
-  constructor(address, told) {
+  constructor(address, handlers) {
     this.#address = address;
-    this.#told = told;
+    this.#handlers = handlers;
     setInterval(() => this.#watch(), WATCH);
     document.addEventListener("visibilitychange", () => this.#seen());
   }
@@ -52,8 +52,8 @@ export class Stream {
     socket.onmessage = ({ data, timeStamp }) => this.#message(socket, data, timeStamp);
     socket.onclose = ({ code }) => this.#closed(socket, code === GOES);
     this.#socket = socket;
-    this.#heard = Date.now();
-    this.#told.changed();
+    this.#receivedAt = Date.now();
+    this.#handlers.changed();
   }
 
   /// Sends a command to the session; returns false without a connection.
@@ -72,23 +72,23 @@ export class Stream {
   #opened(socket) {
     if (socket !== this.#socket) return;
     this.#tries = 0;
-    this.#heard = Date.now();
+    this.#receivedAt = Date.now();
     this.open = true;
     this.lostAt = null;
-    this.#told.changed();
+    this.#handlers.changed();
   }
 
   #message(socket, data, came) {
     if (socket !== this.#socket) return;
-    this.#heard = Date.now();
+    this.#receivedAt = Date.now();
     // Unreadable messages are skipped and reported: one bad message does not stop the page.
     try {
       if (typeof data !== "string") {
         const { header, pixels } = parse(data);
-        this.#told.picture({ ...header, came }, pixels);
+        this.#handlers.picture({ ...header, came }, pixels);
         return;
       }
-      for (const [key, value] of Object.entries(JSON.parse(data))) this.#told.word(key, value);
+      for (const [key, value] of Object.entries(JSON.parse(data))) this.#handlers.message(key, value);
     } catch (error) {
       this.unread = error.message;
       console.warn(`sonoweave: not understood: ${error.message}`);
@@ -112,11 +112,11 @@ export class Stream {
       this.nextAt = Date.now() + wait;
       this.#timer = setTimeout(() => this.connect(), wait);
     }
-    this.#told.changed();
+    this.#handlers.changed();
   }
 
   #watch() {
-    if (!this.#socket || document.visibilityState !== "visible" || Date.now() - this.#heard < SILENCE) return;
+    if (!this.#socket || document.visibilityState !== "visible" || Date.now() - this.#receivedAt < SILENCE) return;
     const dead = this.#socket;
     dead.close();
     // A dead connection does not answer a close, either.
@@ -128,7 +128,7 @@ export class Stream {
       clearTimeout(this.#timer);
       this.nextAt = null;
     } else {
-      this.#heard = Date.now();
+      this.#receivedAt = Date.now();
       if (!this.#socket) this.connect();
     }
   }

@@ -24,7 +24,7 @@ export function troubles({ line, account, blank_s: blank }) {
     return all;
   }
   if (!account) {
-    say("wait", "account", "Connected; the session has not told yet how it is.");
+    say("wait", "account", "Connected; the session has not reported its status yet.");
     return all;
   }
   if (account.ended) {
@@ -39,11 +39,11 @@ export function troubles({ line, account, blank_s: blank }) {
   }
   if (phase === "over") {
     const kept = account.recording ? "The recording is complete." : "It was not recorded; it can be saved.";
-    say("ended", "over", "Stopped: this volume is looked at.", `${kept} Record or Scan begins a new one.`);
+    say("ended", "over", "Stopped: this volume stays in view.", `${kept} Record or Scan begins a new one.`);
     return all;
   }
   if (phase === "opening" || phase === "ending") {
-    say("wait", phase, phase === "opening" ? "Devices are being opened …" : "The last slices are woven and written …");
+    say("wait", phase, phase === "opening" ? "Devices are being opened …" : "The last slices are inserted and written …");
     return all;
   }
   if (account.still?.length > 0) say("bad", `still ${account.still}`, `The session stands still: ${account.still.join(", ")}.`, "End it and begin anew if it does not go on.");
@@ -63,7 +63,7 @@ export function troubles({ line, account, blank_s: blank }) {
   // Bad scan guidance means loss of data while it lasts; other guidance is on its card. A
   // frozen scanner is already reported above.
   for (const { how, key, sentence, more } of account.coach?.advice ?? []) {
-    if (how === "bad" && key !== "frozen") say("bad", `coach ${key}`, sentence, more);
+    if (how === "bad" && key !== "frozen") say("bad", `guidance ${key}`, sentence, more);
   }
   if (account.recording?.trouble) say("bad", `disk ${account.recording.trouble}`, "The recording is in trouble.", account.recording.trouble);
   if (!explained && blank !== null && blank >= PATIENCE) say("bad", "blank", "No picture comes from the scanner.", `For ${duration(blank)}.`);
@@ -75,7 +75,7 @@ export function troubles({ line, account, blank_s: blank }) {
   if (all.length === 0) {
     const starting = account.devices.filter(({ state }) => state === "starting").map(({ name }) => name);
     if (starting.length > 0) say("wait", "starting", `Starting: ${starting.join(", ")}.`);
-    else if (account.slices === 0) say("wait", "first", "Ready: the first slice is waited for.");
+    else if (account.slices === 0) say("wait", "first", "Ready: waiting for the first slice.");
     else say("well", "well", account.recording ? "All is well; it is recorded." : "All is well; it is not recorded.");
   }
   return all.sort((a, b) => WEIGHT[a.how] - WEIGHT[b.how]);
@@ -87,7 +87,7 @@ function replayed({ desk: { phase, replayed: told }, frames, slices }, say) {
   const by = tried === 0 ? "As it was recorded." : `${many(tried, "setting is", "settings are")} tried: ${Object.entries(told.tried).map(([key, value]) => `${key} = ${JSON.stringify(value)}`).join(", ")}.`;
   if (phase === "over") say("ended", "over", `Replayed: ${many(slices, "slice")} of ${many(told.frames, "frame")}.`, `${by} Drag below the picture to look at the frames.`);
   else if (phase === "running") say("wait", "running", `Replaying: ${Math.floor((100 * frames) / Math.max(1, told.frames))} %.`, by);
-  else say("wait", phase, phase === "opening" ? "The recording is being opened …" : "The last slices are woven …");
+  else say("wait", phase, phase === "opening" ? "The recording is being opened …" : "The last slices are inserted …");
 }
 
 function tries({ next_s: next }) {

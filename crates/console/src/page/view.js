@@ -11,7 +11,7 @@ export class View {
   #onlooker;
   #refined;
   #marks;
-  #sight;
+  #figures;
   #buttons;
   #send;
   #steers = false;
@@ -24,13 +24,13 @@ export class View {
   clicked = () => false;
 
   /// `send(message)` sends a command to the session.
-  constructor({ panel, room, canvas, onlooker, control, refined, marks, sight }, send) {
+  constructor({ panel, room, canvas, onlooker, control, refined, marks, figures }, send) {
     this.#room = room;
     this.#canvas = canvas;
     this.#onlooker = onlooker;
     this.#refined = refined;
     this.#marks = marks;
-    this.#sight = sight;
+    this.#figures = figures;
     this.#send = send;
     new ResizeObserver(() => this.#lay()).observe(room);
     hand(canvas, this);
@@ -54,7 +54,7 @@ export class View {
 
   /// Called after a picture was drawn.
   drawn({ width, height, refining }) {
-    this.#sight.drawn({ width, height });
+    this.#figures.drawn({ width, height });
     this.#refined.hidden = !refining;
     if (this.#aspect === width / height) return;
     this.#aspect = width / height;
@@ -100,7 +100,7 @@ export class View {
     const at = fit(this.#room, this.#aspect);
     place(this.#canvas, at);
     this.#marks.place(at);
-    this.#sight.place(at);
+    this.#figures.place(at);
   }
 
   #soon() {

@@ -190,7 +190,7 @@ const VERDICTS = {
 const FULL = 1.25;
 
 /// Describes the scan guidance: speed, its zone, counts and advice.
-export function coach(told) {
+export function guidance(told) {
   if (!told) return { how: "plain", says: "–", facts: [], gauge: null, advice: [] };
   const { speed, holes, spacing, contact, advice } = told;
   const [how, word] = speed ? (VERDICTS[speed.verdict] ?? ["plain", speed.verdict]) : ["wait", "no slices"];

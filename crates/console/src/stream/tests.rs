@@ -32,7 +32,7 @@ mod view;
 
 struct Session {
     console: Console,
-    screen: Arc<FrameBroadcaster>,
+    broadcaster: Arc<FrameBroadcaster>,
     latest: Arc<Latest>,
 }
 
@@ -45,13 +45,16 @@ impl Session {
     fn patient_for(patience: Duration) -> Self {
         let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
         let latest = Arc::new(Latest::new(Basis { about, ..Basis::default() }));
-        let screen = Arc::new(FrameBroadcaster::default());
-        latest.tell(&SessionStatus::default(), &[]);
+        let broadcaster = Arc::new(FrameBroadcaster::default());
+        latest.publish(&SessionStatus::default(), &[]);
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, 0)).into();
-        let parts =
-            ConsoleSession { latest: Arc::clone(&latest), screen: Arc::clone(&screen), ..ConsoleSession::default() };
+        let parts = ConsoleSession {
+            latest: Arc::clone(&latest),
+            broadcaster: Arc::clone(&broadcaster),
+            ..ConsoleSession::default()
+        };
         let console = Console::serve(&address, parts, patience).unwrap();
-        Self { console, screen, latest }
+        Self { console, broadcaster, latest }
     }
 
     fn address(&self) -> SocketAddr {
@@ -70,7 +73,7 @@ impl Session {
     /// Simulates a new frame.
     fn shows(&self, item: u64) {
         let image = Image::new(2, 1, Pixels::U8(vec![item as u8, 7].into()));
-        self.screen.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
+        self.broadcaster.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
     }
 }
 
@@ -161,16 +164,16 @@ fn until(what: &str, mut is: impl FnMut() -> bool) {
 fn pictures_are_made_and_sent_for_subscribers_only() {
     let session = Session::new();
     session.shows(1);
-    assert_eq!(session.screen.made(Kind::Slice), 0, "nobody is there");
+    assert_eq!(session.broadcaster.made(Kind::Slice), 0, "nobody is there");
     let mut page = session.page();
     session.shows(2);
-    assert_eq!((session.screen.made(Kind::Slice), page.for_a_while()), (0, 0), "nobody looks");
+    assert_eq!((session.broadcaster.made(Kind::Slice), page.for_a_while()), (0, 0), "nobody looks");
     page.say(&json!({ "do": "show", "slice": true, "view": false }));
     until("somebody looks", || {
         session.shows(3);
-        session.screen.made(Kind::Slice) > 0
+        session.broadcaster.made(Kind::Slice) > 0
     });
-    assert!(!session.screen.is_watched(), "at the volume nobody does");
+    assert!(!session.broadcaster.is_watched(), "at the volume nobody does");
     let picture = page.picture();
     assert_eq!(picture.len(), 42);
     assert_eq!((picture[0], picture[1], item(&picture), sequence(&picture)), (1, 0, 3, 1));
@@ -180,12 +183,12 @@ fn pictures_are_made_and_sent_for_subscribers_only() {
     // The machine's clock began at 0 ns.
     assert!(time(24) - time(16) > 0.0 && (time(24) - unix_ms(Monotonic.now_ns())).abs() < 60_000.0);
     page.say(&json!({ "do": "show", "slice": false, "view": true }));
-    until("the volume is looked at", || session.screen.is_watched());
-    let made = session.screen.made(Kind::Slice);
+    until("the volume is looked at", || session.broadcaster.is_watched());
+    let made = session.broadcaster.made(Kind::Slice);
     session.shows(4);
-    assert_eq!(session.screen.made(Kind::Slice), made);
+    assert_eq!(session.broadcaster.made(Kind::Slice), made);
     drop(page);
-    until("nobody looks any more", || !session.screen.is_watched());
+    until("nobody looks any more", || !session.broadcaster.is_watched());
 }
 
 #[test]
@@ -193,7 +196,7 @@ fn silent_page_gets_two_pictures_then_the_newest() {
     let session = Session::new();
     let mut page = session.page();
     page.say(&json!({ "do": "show", "slice": true, "view": true }));
-    until("somebody looks", || session.screen.is_watched());
+    until("somebody looks", || session.broadcaster.is_watched());
     session.shows(1);
     let first = page.picture();
     session.shows(2);
@@ -239,16 +242,16 @@ fn first_page_has_control_until_takeover_or_leaving() {
     second.say(&json!({ "do": "zoom", "by": 1.0 }));
     let refused = second.word("refused");
     assert!(refused.as_str().unwrap().contains("take over control"), "{refused}");
-    assert_eq!(session.screen.view(home), home);
+    assert_eq!(session.broadcaster.view(home), home);
     first.say(&json!({ "do": "zoom", "by": 1.0 }));
-    until("the first one steers", || session.screen.view(home).zoom == 1.0);
+    until("the first one steers", || session.broadcaster.view(home).zoom == 1.0);
     second.say(&json!({ "do": "control" }));
     assert_eq!(second.word("control"), json!(true));
     assert_eq!(first.word("control"), json!(false));
     second.say(&json!({ "do": "turn", "right": 10.0, "up": 0.0, "clockwise": 0.0 }));
-    until("the second one steers", || session.screen.view(home).azimuth != 0.0);
+    until("the second one steers", || session.broadcaster.view(home).azimuth != 0.0);
     second.say(&json!({ "do": "look", "from": "home" }));
-    until("home", || session.screen.view(home) == home);
+    until("home", || session.broadcaster.view(home) == home);
     drop(second);
     assert_eq!(first.word("control"), json!(true));
 }
@@ -257,7 +260,7 @@ fn first_page_has_control_until_takeover_or_leaving() {
 fn invalid_commands_refused_and_flooding_page_disconnected() {
     let session = Session::new();
     let mut page = session.page();
-    for (message, says) in [
+    for (message, part) in [
         (json!({ "do": "dance" }), "unknown variant `dance`"),
         (json!({ "do": "zoom" }), "missing field `by`"),
         (json!({ "do": "zoom", "by": 1.0, "also": 2 }), "unknown field `also`"),
@@ -267,7 +270,7 @@ fn invalid_commands_refused_and_flooding_page_disconnected() {
     ] {
         page.say(&message);
         let refused = page.word("refused");
-        assert!(refused.as_str().unwrap().contains(says), "{message}: {refused}");
+        assert!(refused.as_str().unwrap().contains(part), "{message}: {refused}");
     }
     page.socket.send(Message::Binary(vec![1].into())).unwrap();
     assert!(page.word("refused").as_str().unwrap().contains("text"));
@@ -287,7 +290,7 @@ fn invalid_commands_refused_and_flooding_page_disconnected() {
     }
     assert!(ends(&mut others[1]), "too many messages");
     page.say(&json!({ "do": "zoom", "by": 0.5 }));
-    until("the first page is served on", || session.screen.view(Default::default()).zoom == 0.5);
+    until("the first page is served on", || session.broadcaster.view(Default::default()).zoom == 0.5);
 }
 
 fn ends(client: &mut Client) -> bool {
@@ -326,18 +329,18 @@ fn status_reports_rates_frame_outcomes_and_end() {
         account.ledger.arrived();
         account.ledger.used();
     }
-    session.latest.tell(&account, &[]);
+    session.latest.publish(&account, &[]);
     let begun = Instant::now();
-    let told = loop {
-        let told = page.word("account");
-        if told["slices"] == 30 {
-            break told;
+    let reported = loop {
+        let reported = page.word("account");
+        if reported["slices"] == 30 {
+            break reported;
         }
-        assert!(begun.elapsed() < Duration::from_secs(10), "{told}");
+        assert!(begun.elapsed() < Duration::from_secs(10), "{reported}");
     };
-    assert!(told["rates"]["frames"].as_f64().unwrap() > 0.0, "{told}");
-    assert_eq!((&told["frames"], &told["dropped"], &told["refused"]), (&json!(30), &json!(0), &json!({})));
-    assert_eq!(told["ended"], false);
+    assert!(reported["rates"]["frames"].as_f64().unwrap() > 0.0, "{reported}");
+    assert_eq!((&reported["frames"], &reported["dropped"], &reported["refused"]), (&json!(30), &json!(0), &json!({})));
+    assert_eq!(reported["ended"], false);
     // The recording is reported as soon as there is one.
     account.recording = Some(Written {
         path: "late.mcap".into(),
@@ -350,7 +353,7 @@ fn status_reports_rates_frame_outcomes_and_end() {
         minutes_left: None,
         trouble: String::new(),
     });
-    session.latest.tell(&account, &[]);
+    session.latest.publish(&account, &[]);
     assert_eq!(page.word("about")["recording"], "late.mcap");
     // The end is reported, and is not taken for a lost connection.
     session.latest.end();
@@ -391,24 +394,24 @@ fn missed_regions_marked_once_for_viewers_only() {
     let session = Session::new();
     let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
     let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
-    let coach = Arc::new(ScanGuidance::new(GuidanceSettings { spacing, mask, calibration: None }));
-    session.screen.follow(&coach);
+    let guidance = Arc::new(ScanGuidance::new(GuidanceSettings { spacing, mask, calibration: None }));
+    session.broadcaster.follow(&guidance);
     // The present slice stays present for as long as the test lasts.
     let mut now_ns = Monotonic.now_ns() + 3_600_000_000_000;
     let mut slice = |z: f64| {
         now_ns += 40_000_000;
         let image = Image::new(11, 11, Pixels::U8(vec![0; 121].into()));
         let world_from_image = Transform::from_affine(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)));
-        coach.slice("Tracker", 0, &Slice { image, time_ns: now_ns, world_from_image });
+        guidance.slice("Tracker", 0, &Slice { image, time_ns: now_ns, world_from_image });
     };
     [0.0, 1.0, 9.0, 10.0].into_iter().for_each(&mut slice);
     let mut page = session.page();
     page.for_a_while();
-    assert_eq!(session.screen.marked(), 0, "nobody looks");
+    assert_eq!(session.broadcaster.marked(), 0, "nobody looks");
     page.say(&json!({ "do": "show", "slice": false, "view": true }));
-    until("somebody looks", || session.screen.is_watched());
+    until("somebody looks", || session.broadcaster.is_watched());
     let picture = drawn(1);
-    session.screen.drawn(&picture, [0.0; 3]);
+    session.broadcaster.drawn(&picture, [0.0; 3]);
     let marks = page.word("marks");
     assert_eq!((&marks["sequence"], &marks["size"]), (&json!(1), &json!([80, 60])));
     let is_at = |found: &Value, at: DVec3| {
@@ -429,15 +432,15 @@ fn missed_regions_marked_once_for_viewers_only() {
         }
         marks
     };
-    let before = session.screen.marked();
-    session.screen.drawn(&drawn(2), [0.0; 3]);
+    let before = session.broadcaster.marked();
+    session.broadcaster.drawn(&drawn(2), [0.0; 3]);
     assert_eq!(counts(&mut page), 0);
-    assert!(session.screen.marked() > before, "it was looked at");
+    assert!(session.broadcaster.marked() > before, "it was looked at");
     slice(11.0);
     is_at(&page.word("marks")["present"][0], DVec3::new(0.0, 0.0, 11.0));
     page.say(&json!({ "do": "show", "slice": false, "view": false }));
-    until("nobody looks", || !session.screen.is_watched());
-    let before = session.screen.marked();
+    until("nobody looks", || !session.broadcaster.is_watched());
+    let before = session.broadcaster.marked();
     slice(12.0);
-    assert_eq!((counts(&mut page), session.screen.marked()), (0, before));
+    assert_eq!((counts(&mut page), session.broadcaster.marked()), (0, before));
 }

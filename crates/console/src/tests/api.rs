@@ -17,26 +17,26 @@ fn say(served: &Served, message: &str) -> (StatusCode, serde_json::Value) {
 #[test]
 fn programs_send_same_commands_as_pages() {
     let served = served(&session());
-    let desk = Arc::clone(&served.session.desk);
-    desk.runs(false, String::new());
-    let (status, said) = say(&served, "{\"do\":\"freeze\",\"on\":true}");
-    assert_eq!((status, desk.status().frozen), (StatusCode::OK, true), "{said}");
-    assert!(said["done"].as_str().unwrap().starts_with("frozen"));
-    let (status, said) = say(&served, "{\"do\":\"record\"}");
+    let controller = Arc::clone(&served.session.controller);
+    controller.runs(false, String::new());
+    let (status, sentence) = say(&served, "{\"do\":\"freeze\",\"on\":true}");
+    assert_eq!((status, controller.status().frozen), (StatusCode::OK, true), "{sentence}");
+    assert!(sentence["done"].as_str().unwrap().starts_with("frozen"));
+    let (status, sentence) = say(&served, "{\"do\":\"record\"}");
     assert_eq!(status, StatusCode::CONFLICT);
-    assert!(said["refused"].as_str().unwrap().contains("--keep DIR"));
+    assert!(sentence["refused"].as_str().unwrap().contains("--keep DIR"));
     for message in ["{\"do\":\"explode\"}", "nonsense", "{\"do\":\"control\"}"] {
-        let (status, said) = say(&served, message);
-        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{message}: {said}");
-        assert!(said["refused"].is_string());
+        let (status, sentence) = say(&served, message);
+        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{message}: {sentence}");
+        assert!(sentence["refused"].is_string());
     }
-    let (status, said) = say(&served, "{\"do\":\"look\",\"from\":\"above\"}");
-    assert_eq!(status, StatusCode::OK, "{said}");
-    assert_eq!(served.session.screen.view(View::default()).elevation, 90.0);
+    let (status, sentence) = say(&served, "{\"do\":\"look\",\"from\":\"above\"}");
+    assert_eq!(status, StatusCode::OK, "{sentence}");
+    assert_eq!(served.session.broadcaster.view(View::default()).elevation, 90.0);
     // Another site's page is refused.
     let foreign = Request::post("/v1/do").header("host", "localhost:1").header("origin", "https://example.org");
     let (status, _, _) = answered(served.clone(), foreign.body(Body::from("{\"do\":\"clear\"}")).unwrap());
-    assert_eq!((status, desk.commands().len()), (StatusCode::FORBIDDEN, 1), "the freeze, and nothing else");
+    assert_eq!((status, controller.commands().len()), (StatusCode::FORBIDDEN, 1), "the freeze, and nothing else");
     let get = |path: &str| {
         answered(served.clone(), Request::get(path).header("host", "localhost").body(Body::empty()).unwrap())
     };
@@ -47,61 +47,65 @@ fn programs_send_same_commands_as_pages() {
     assert!(account.get("rates").is_none());
     let (_, _, about) = get("/v1/about");
     assert_eq!(serde_json::from_str::<serde_json::Value>(&about).unwrap()["version"], env!("CARGO_PKG_VERSION"));
-    let (status, _, said) = get("/v1/pictures/view.png");
-    assert_eq!(status, StatusCode::NOT_FOUND, "{said}");
-    let (status, _, said) = get("/v1/pictures/passwords.png");
-    assert_eq!(status, StatusCode::NOT_FOUND, "{said}");
+    let (status, _, sentence) = get("/v1/pictures/view.png");
+    assert_eq!(status, StatusCode::NOT_FOUND, "{sentence}");
+    let (status, _, sentence) = get("/v1/pictures/passwords.png");
+    assert_eq!(status, StatusCode::NOT_FOUND, "{sentence}");
 }
 
 #[test]
 fn picture_request_renders_and_returns_png() {
     let served = served(&session());
-    let screen = Arc::clone(&served.session.screen);
+    let broadcaster = Arc::clone(&served.session.broadcaster);
     let image = Image::new(3, 2, Pixels::U8(vec![0, 50, 100, 150, 200, 250].into()));
     let glimpsed = CapturedFrame { item: 7, captured_ns: 0, image: &image };
-    screen.captured(&glimpsed);
-    assert_eq!(screen.made(broadcast::Kind::Slice), 0, "nobody looks");
+    broadcaster.captured(&glimpsed);
+    assert_eq!(broadcaster.made(Kind::Slice), 0, "nobody looks");
     let shows = std::thread::spawn({
-        let screen = Arc::clone(&screen);
+        let broadcaster = Arc::clone(&broadcaster);
         move || {
-            while screen.made(broadcast::Kind::Slice) == 0 {
-                screen.captured(&CapturedFrame { item: 7, captured_ns: 0, image: &image });
+            while broadcaster.made(Kind::Slice) == 0 {
+                broadcaster.captured(&CapturedFrame { item: 7, captured_ns: 0, image: &image });
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
     });
-    let asked = Request::get("/v1/pictures/slice.png").header("host", "localhost").body(Body::empty()).unwrap();
-    let (status, headers, bytes) = bytes_of(served.clone(), asked);
+    let requested = Request::get("/v1/pictures/slice.png").header("host", "localhost").body(Body::empty()).unwrap();
+    let (status, headers, bytes) = bytes_of(served.clone(), requested);
     shows.join().unwrap();
     assert_eq!((status, &headers["content-type"]), (StatusCode::OK, &"image/png".parse().unwrap()));
     let picture = image::load_from_memory(&bytes).unwrap().into_luma8();
     assert_eq!((picture.dimensions(), picture.get_pixel(1, 1).0), ((3, 2), [200]));
-    let made = screen.made(broadcast::Kind::Slice);
-    screen.captured(&CapturedFrame { item: 8, captured_ns: 0, image: &Image::new(1, 1, Pixels::U8(vec![1].into())) });
-    assert_eq!(screen.made(broadcast::Kind::Slice), made, "who asked looks no longer");
+    let made = broadcaster.made(Kind::Slice);
+    broadcaster.captured(&CapturedFrame {
+        item: 8,
+        captured_ns: 0,
+        image: &Image::new(1, 1, Pixels::U8(vec![1].into())),
+    });
+    assert_eq!(broadcaster.made(Kind::Slice), made, "who asked looks no longer");
 }
 
 #[test]
 fn snapshot_writes_files_with_next_free_number() {
     let place = tempfile::tempdir().unwrap();
     let mut served = served(&session());
-    served.session.desk = Arc::new(SessionController::new(Some(place.path().to_owned())));
-    served.session.desk.runs(false, String::new());
-    let (status, said) = say(&served, "{\"do\":\"snapshot\"}");
-    assert_eq!(status, StatusCode::CONFLICT, "{said}");
-    let screen = &served.session.screen;
-    let glance = screen.glance(broadcast::Kind::Slice);
-    screen.captured(&CapturedFrame {
+    served.session.controller = Arc::new(SessionController::new(Some(place.path().to_owned())));
+    served.session.controller.runs(false, String::new());
+    let (status, sentence) = say(&served, "{\"do\":\"snapshot\"}");
+    assert_eq!(status, StatusCode::CONFLICT, "{sentence}");
+    let broadcaster = &served.session.broadcaster;
+    let subscribe_briefly = broadcaster.subscribe_briefly(Kind::Slice);
+    broadcaster.captured(&CapturedFrame {
         item: 7,
         captured_ns: 0,
         image: &Image::new(2, 1, Pixels::U8(vec![9, 99].into())),
     });
-    drop(glance);
+    drop(subscribe_briefly);
     for number in 1..=2 {
-        let (status, said) = say(&served, "{\"do\":\"snapshot\"}");
-        assert_eq!(status, StatusCode::OK, "{said}");
+        let (status, sentence) = say(&served, "{\"do\":\"snapshot\"}");
+        assert_eq!(status, StatusCode::OK, "{sentence}");
         let began = Instant::now();
-        while served.session.desk.status().events.len() < number {
+        while served.session.controller.status().events.len() < number {
             assert!(began.elapsed() < Duration::from_secs(20));
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -117,8 +121,8 @@ fn snapshot_writes_files_with_next_free_number() {
 #[test]
 fn openapi_describes_every_path_and_command() {
     let served = served(&session());
-    let asked = Request::get("/v1/openapi.json").header("host", "localhost").body(Body::empty()).unwrap();
-    let (_, _, text) = answered(served.clone(), asked);
+    let requested = Request::get("/v1/openapi.json").header("host", "localhost").body(Body::empty()).unwrap();
+    let (_, _, text) = answered(served.clone(), requested);
     let described: serde_json::Value = serde_json::from_str(&text).unwrap();
     let routes = include_str!("../lib.rs").split(".route(\"").skip(1).filter_map(|rest| rest.split('"').next());
     for path in routes.filter(|path| !path.starts_with("/page/") && *path != "/") {
@@ -166,16 +170,21 @@ fn http_returns_measurements_and_slices_of_a_place() {
         let (status, _, text) = answered(served.clone(), request);
         (status, serde_json::from_str::<serde_json::Value>(&text).unwrap())
     };
-    let (status, said) = post("/v1/measure", "{\"kind\":\"distance\",\"points\":[[0,0,0],[3,4,0]],\"pixel_mm\":0.3}");
-    assert_eq!((status, &said["value"], &said["unit"]), (StatusCode::OK, &5.0.into(), &"mm".into()), "{said}");
-    for (path, body, says) in [
+    let (status, sentence) =
+        post("/v1/measure", "{\"kind\":\"distance\",\"points\":[[0,0,0],[3,4,0]],\"pixel_mm\":0.3}");
+    assert_eq!(
+        (status, &sentence["value"], &sentence["unit"]),
+        (StatusCode::OK, &5.0.into(), &"mm".into()),
+        "{sentence}"
+    );
+    for (path, body, expected) in [
         ("/v1/measure", "{\"kind\":\"weight\"}", "this measurement is invalid"),
         ("/v1/measure", "{\"kind\":\"distance\",\"points\":[[0,0,0]]}", "two points"),
         ("/v1/slices", "{\"at\":[0,0]}", "not a point of the world"),
         ("/v1/slices", "{\"at\":[0,0,0]}", "no pixel size"),
     ] {
-        let (status, said) = post(path, body);
-        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{said}");
-        assert!(said["refused"].as_str().unwrap().contains(says), "{said}");
+        let (status, sentence) = post(path, body);
+        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{sentence}");
+        assert!(sentence["refused"].as_str().unwrap().contains(expected), "{sentence}");
     }
 }

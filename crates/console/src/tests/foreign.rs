@@ -58,9 +58,9 @@ fn only_own_pages_and_programs_may_act() {
         &[JSON, LENGTH, ("sec-fetch-site", "same-site")],
         &[("origin", "http://example.org")],
     ] {
-        let (code, said) = moves(headers, "{}");
+        let (code, sentence) = moves(headers, "{}");
         assert_eq!(
-            (code, said.as_str()),
+            (code, sentence.as_str()),
             (StatusCode::FORBIDDEN, "only this server's own pages may send this request\n"),
             "{headers:?}"
         );
@@ -70,25 +70,25 @@ fn only_own_pages_and_programs_may_act() {
         ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "text/plain; application/json", ""]
     {
         for length in [LENGTH, ("transfer-encoding", "chunked")] {
-            let (code, said) = moves(&[("content-type", kind), length], "{}");
+            let (code, sentence) = moves(&[("content-type", kind), length], "{}");
             assert_eq!(code, StatusCode::UNSUPPORTED_MEDIA_TYPE, "{kind} {length:?}");
-            assert!(said.contains("application/json"), "{said}");
+            assert!(sentence.contains("application/json"), "{sentence}");
         }
     }
     assert_eq!(moves(&[LENGTH], "{}").0, StatusCode::UNSUPPORTED_MEDIA_TYPE);
     // Reading is not refused: other sites' pages cannot see the answer, and the host name is
     // always checked.
-    let look = |host| Request::get("/v1/look").header("host", host).header("origin", "http://example.org");
-    assert_eq!(done(look("localhost").body(Body::empty()).unwrap()), (StatusCode::OK, "looked".into()));
-    assert_eq!(done(look("example.org").body(Body::empty()).unwrap()).0, StatusCode::FORBIDDEN);
+    let read_request = |host| Request::get("/v1/look").header("host", host).header("origin", "http://example.org");
+    assert_eq!(done(read_request("localhost").body(Body::empty()).unwrap()), (StatusCode::OK, "looked".into()));
+    assert_eq!(done(read_request("example.org").body(Body::empty()).unwrap()).0, StatusCode::FORBIDDEN);
     // A long-lived connection is more than reading.
-    let stays = look("localhost").header("upgrade", "websocket").body(Body::empty()).unwrap();
+    let stays = read_request("localhost").header("upgrade", "websocket").body(Body::empty()).unwrap();
     assert_eq!(done(stays).0, StatusCode::FORBIDDEN);
     for method in ["PUT", "DELETE", "PATCH", "OPTIONS"] {
         let request = Request::builder().method(method).uri("/v1/look").header("host", "localhost");
-        let asked = |site| done(request_with(&request, "sec-fetch-site", site));
-        assert_eq!(asked("cross-site").0, StatusCode::FORBIDDEN, "{method}");
-        assert_eq!(asked("same-origin").0, StatusCode::METHOD_NOT_ALLOWED, "{method}");
+        let requested = |site| done(request_with(&request, "sec-fetch-site", site));
+        assert_eq!(requested("cross-site").0, StatusCode::FORBIDDEN, "{method}");
+        assert_eq!(requested("same-origin").0, StatusCode::METHOD_NOT_ALLOWED, "{method}");
     }
 }
 
@@ -103,15 +103,18 @@ fn request_with(builder: &axum::http::request::Builder, name: &str, value: &str)
 #[test]
 fn body_over_64_kib_is_refused_with_or_without_length() {
     let body = |n: usize| "1".repeat(n);
-    let (told, untold) = (|n: usize| n.to_string(), ("transfer-encoding", "chunked"));
+    let (reported, without_host) = (|n: usize| n.to_string(), ("transfer-encoding", "chunked"));
     let most = origin::MOST_BODY;
-    assert_eq!(moves(&[JSON, ("content-length", &told(most))], body(most)).0, StatusCode::OK);
-    assert_eq!(moves(&[JSON, ("content-length", &told(most + 1))], body(most + 1)).0, StatusCode::PAYLOAD_TOO_LARGE);
+    assert_eq!(moves(&[JSON, ("content-length", &reported(most))], body(most)).0, StatusCode::OK);
+    assert_eq!(
+        moves(&[JSON, ("content-length", &reported(most + 1))], body(most + 1)).0,
+        StatusCode::PAYLOAD_TOO_LARGE
+    );
     assert_eq!(
         moves(&[JSON, ("content-length", "99999999999999999999999")], "{}").0,
         StatusCode::OK,
         "hyper looks at that"
     );
-    assert_eq!(moves(&[JSON, untold], body(most)).0, StatusCode::OK);
-    assert_eq!(moves(&[JSON, untold], body(most + 1)).0, StatusCode::PAYLOAD_TOO_LARGE);
+    assert_eq!(moves(&[JSON, without_host], body(most)).0, StatusCode::OK);
+    assert_eq!(moves(&[JSON, without_host], body(most + 1)).0, StatusCode::PAYLOAD_TOO_LARGE);
 }

@@ -100,19 +100,20 @@ fn remote_address_requires_valid_certificate_key_and_token() {
     let (folder, good) = files();
     let refused = |address: &str, access: &Access| {
         let listen = Listen { address: address.parse().unwrap(), access: access.clone() };
-        let said = listen.check().unwrap_err().to_string();
+        let sentence = listen.check().unwrap_err().to_string();
         let begun = Console::open(&listen, ConsoleSession { latest: session(), ..ConsoleSession::default() });
-        assert_eq!(begun.unwrap_err().to_string(), said, "it does not begin, either");
-        said
+        assert_eq!(begun.unwrap_err().to_string(), sentence, "it does not begin, either");
+        sentence
     };
     for address in ["0.0.0.0:0", "[::]:0", "192.0.2.1:9110"] {
-        let said = refused(address, &Access::default());
+        let sentence = refused(address, &Access::default());
         assert!(
-            said.contains("other machines can reach ") && said.contains("no certificate, no key and no token_file"),
-            "{said}"
+            sentence.contains("other machines can reach ")
+                && sentence.contains("no certificate, no key and no token_file"),
+            "{sentence}"
         );
-        let said = refused(address, &Access { token_file: None, ..good.clone() });
-        assert!(said.contains("[status] has no token_file: give it"), "{said}");
+        let sentence = refused(address, &Access { token_file: None, ..good.clone() });
+        assert!(sentence.contains("[status] has no token_file: give it"), "{sentence}");
     }
     let other = |key: &str, text: &str, mode: u32| {
         let path = folder.path().join("other");
@@ -128,7 +129,7 @@ fn remote_address_requires_valid_certificate_key_and_token() {
     };
     // Another key in the same form, which does not fit the certificate.
     let stranger = KEY.replacen(&KEY[60..64], "AAAA", 1);
-    for (key, text, mode, says) in [
+    for (key, text, mode, expected) in [
         ("certificate", "", 0o644, "holds no certificate in PEM"),
         ("certificate", KEY, 0o600, "holds no certificate in PEM"),
         ("certificate", "-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n", 0o644, "cannot be read"),
@@ -140,9 +141,9 @@ fn remote_address_requires_valid_certificate_key_and_token() {
         ("token_file", TOKEN, 0o640, "(mode 640); run chmod 600"),
         ("token_file", "secret", 0o600, "of 6 characters, but 32 or more are needed"),
     ] {
-        let said = refused("127.0.0.1:0", &other(key, text, mode));
-        assert!(said.starts_with(&format!("status.{key}: ")) && said.contains(says), "{said}");
-        assert!(!said.contains("secret"), "{said}");
+        let sentence = refused("127.0.0.1:0", &other(key, text, mode));
+        assert!(sentence.starts_with(&format!("status.{key}: ")) && sentence.contains(expected), "{sentence}");
+        assert!(!sentence.contains("secret"), "{sentence}");
     }
     let gone = Access { key: Some(Path::new("/nowhere/console.key").into()), ..good.clone() };
     assert!(refused("127.0.0.1:0", &gone).starts_with("status.key: /nowhere/console.key: cannot be read: "));
@@ -172,10 +173,10 @@ fn remote_clients_need_tls_and_token() {
         let mut stream = TcpStream::connect(local(&console)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         stream.write_all(plain).unwrap();
-        let mut said = Vec::new();
+        let mut sentence = Vec::new();
         // A reset ends the connection, too.
-        let _ = stream.read_to_end(&mut said);
-        assert!(!said.starts_with(b"HTTP"), "{said:?}");
+        let _ = stream.read_to_end(&mut sentence);
+        assert!(!sentence.starts_with(b"HTTP"), "{sentence:?}");
     }
     let begun = Instant::now();
     while Counts::of(&console.counts().no_tls) < 3 {
@@ -266,5 +267,5 @@ fn five_wrong_tokens_block_login_but_not_known_browsers() {
         assert_eq!(ask("GET /status", &format!("authorization: Bearer {TOKEN}\r\n\r\n")).0, 429);
     }
     let counts = console.counts();
-    assert_eq!((Counts::of(&counts.tokens_wrong), Counts::of(&counts.tokens_unheard)), (5, 6));
+    assert_eq!((Counts::of(&counts.tokens_wrong), Counts::of(&counts.tokens_unchecked)), (5, 6));
 }

@@ -1,5 +1,7 @@
 //! Picking in the volume's picture: hits, misses, and cost.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::{DAffine3, DVec3};
 
 use render::classify::transfer::Transfer;
@@ -39,11 +41,11 @@ fn renderer() -> Renderer {
 fn pick(served: &Served, body: &str, draws: Option<Option<&Renderer>>) -> (StatusCode, Value) {
     let ends = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let (screen, ends) = (&served.session.screen, &ends);
+        let (broadcaster, ends) = (&served.session.broadcaster, &ends);
         if let Some(shown) = draws {
             scope.spawn(move || {
                 while !ends.load(std::sync::atomic::Ordering::Relaxed) {
-                    screen.answer(shown);
+                    broadcaster.answer(shown);
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
@@ -59,8 +61,8 @@ fn pick(served: &Served, body: &str, draws: Option<Option<&Renderer>>) -> (Statu
 fn pick_returns_visible_place_with_depth_axis() {
     let served = served(&session());
     let renderer = renderer();
-    (0..1000).for_each(|_| served.session.screen.answer(Some(&renderer)));
-    assert_eq!(served.session.screen.picked(), 0, "nobody has asked");
+    (0..1000).for_each(|_| served.session.broadcaster.answer(Some(&renderer)));
+    assert_eq!(served.session.broadcaster.picked(), 0, "nobody has asked");
     let camera = renderer.camera();
     let at = |place: DVec3| {
         let [i, j] = camera.project_world(place).unwrap();
@@ -70,27 +72,27 @@ fn pick_returns_visible_place_with_depth_axis() {
     // voxels.
     let ends = [DVec3::new(13.0, 9.5, 14.0), DVec3::new(25.0, 9.5, 19.0)];
     let picked = ends.map(|end| {
-        let (status, told) = pick(&served, &at(end), Some(Some(&renderer)));
-        assert_eq!(status, StatusCode::OK, "{told}");
-        let point: [f64; 3] = serde_json::from_value(told["point"].clone()).unwrap();
+        let (status, reported) = pick(&served, &at(end), Some(Some(&renderer)));
+        assert_eq!(status, StatusCode::OK, "{reported}");
+        let point: [f64; 3] = serde_json::from_value(reported["point"].clone()).unwrap();
         assert!((DVec3::from_array(point) - end).length() < 0.05, "{point:?}");
-        assert_eq!(told["along"], serde_json::json!([0.0, 1.0, 0.0]));
-        told
+        assert_eq!(reported["along"], serde_json::json!([0.0, 1.0, 0.0]));
+        reported
     });
-    assert_eq!(served.session.screen.picked(), 2, "a ray each");
-    assert!(!served.session.screen.is_watched(), "who asked looks no longer");
+    assert_eq!(served.session.broadcaster.picked(), 2, "a ray each");
+    assert!(!served.session.broadcaster.is_watched(), "who asked looks no longer");
     let body = serde_json::json!({ "kind": "distance", "points": picked }).to_string();
     let request = Request::post("/v1/measure").header("host", "localhost").body(Body::from(body)).unwrap();
     let (status, _, text) = answered(served.clone(), request);
-    let told: Value = serde_json::from_str(&text).unwrap();
-    assert!((status, (told["value"].as_f64().unwrap() - 13.0).abs() < 0.1) == (StatusCode::OK, true), "{told}");
+    let reported: Value = serde_json::from_str(&text).unwrap();
+    assert!((status, (reported["value"].as_f64().unwrap() - 13.0).abs() < 0.1) == (StatusCode::OK, true), "{reported}");
 }
 
 #[test]
 fn pick_without_surface_or_renderer_reports_reason() {
     let served = served(&session());
     let renderer = renderer();
-    for (body, draws, status, says) in [
+    for (body, draws, status, expected) in [
         (
             "{\"at\":[0.01,0.01]}",
             Some(Some(&renderer)),
@@ -103,9 +105,9 @@ fn pick_without_surface_or_renderer_reports_reason() {
         ("{\"at\":[0.5,0.5]}", None, StatusCode::SERVICE_UNAVAILABLE, "still being drawn"),
     ] {
         let began = Instant::now();
-        let (found, told) = pick(&served, body, draws);
-        assert_eq!(found, status, "{body}: {told}");
-        assert!(told["refused"].as_str().unwrap().contains(says), "{told}");
+        let (found, reported) = pick(&served, body, draws);
+        assert_eq!(found, status, "{body}: {reported}");
+        assert!(reported["refused"].as_str().unwrap().contains(expected), "{reported}");
         assert!(began.elapsed() < Duration::from_secs(5), "nobody waits for long");
     }
 }

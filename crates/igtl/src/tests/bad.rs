@@ -4,10 +4,10 @@ use super::*;
 
 /// Returns the longest time that a stage spent on publishing.
 fn longest(hub: &Hub, how_often: u32) -> Duration {
-    let shown = slice(3);
+    let published = slice(3);
     let kept = (0..how_often).map(|n| {
         let begun = Instant::now();
-        hub.slice("Reference", n.into(), &shown);
+        hub.slice("Reference", n.into(), &published);
         hub.pose(["Probe", "Tracker"], &sample(f64::from(n)));
         begun.elapsed()
     });
@@ -32,9 +32,9 @@ fn foreign_protocol_is_disconnected_and_damage_is_reported() {
     let mut damaged = get.clone();
     damaged[60] ^= 1;
     peer.stream.write_all(&damaged).unwrap();
-    let told =
+    let reported =
         peer.until("that it was damaged", |m| matches!(&m.content, Content::Status(s) if s.code == Status::CHECKSUM));
-    assert!(matches!(told.content, Content::Status(status) if status.message.contains("the checksum is")));
+    assert!(matches!(reported.content, Content::Status(status) if status.message.contains("the checksum is")));
     // A body of 1 MB is skipped and never stored.
     let large = Message::new(fixed("a"), TimeStamp(1), Content::Other(fixed("POINT"), vec![7; 1 << 20]));
     peer.stream.write_all(&large.bytes().unwrap()).unwrap();

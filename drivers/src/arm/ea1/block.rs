@@ -15,8 +15,8 @@
 //! the decoder tests whether a block begins at this byte, instead of searching for the next zero.
 //! A lost byte then costs one block and never two. Tests compare the two.
 
-use super::{AXES, Framing, Record, Sample, flag};
-use crate::framing::{Look, Refusal};
+use super::record::{AXES, Framing, Record, Sample, flag};
+use crate::framing::{Parsed, Refusal};
 
 /// Bytes before their zeros are replaced.
 const PLAIN: usize = 27;
@@ -71,15 +71,15 @@ fn checksum(summed: &[u8; SUMMED]) -> u16 {
 }
 
 #[inline]
-pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
+pub(super) fn parse(window: &[u8]) -> Parsed<Record<'_>> {
     let Some(block) = window.first_chunk::<WIRE>() else {
         return judge_beginning(window);
     };
     if block[1] != TYPE || block[2] != AXES as u8 {
-        return Look::skip_byte(Refusal::Header);
+        return Parsed::skip_byte(Refusal::Header);
     }
     let [code, plain @ .., 0] = block else {
-        return Look::skip_byte(Refusal::Length);
+        return Parsed::skip_byte(Refusal::Length);
     };
     // A code gives the position of the next zero, and the next code replaces that zero.
     let mut plain: [u8; PLAIN] = *plain;
@@ -95,17 +95,17 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
         at += code;
     }
     if holes || at != PLAIN {
-        return Look::skip_byte(Refusal::Length);
+        return Parsed::skip_byte(Refusal::Length);
     }
     let [_, _, f0, f1, s0, s1, s2, s3, t0, t1, t2, t3, counts @ .., buttons, c0, c1] = plain;
     let (summed, _) = plain.split_first_chunk::<SUMMED>().unwrap_or((&[0; SUMMED], &[]));
     if checksum(summed) != u16::from_le_bytes([c0, c1]) {
-        return Look::skip_byte(Refusal::Checksum);
+        return Parsed::skip_byte(Refusal::Checksum);
     }
     let flags = u16::from_le_bytes([f0, f1]);
     // COBS output contains no zero.
     if flags & !flag::KNOWN != 0 || block[1..=PLAIN].contains(&0) {
-        return Look::skip_byte(Refusal::Field);
+        return Parsed::skip_byte(Refusal::Field);
     }
     let counts: &[u8; 4 * AXES] = &counts;
     let (words, _) = counts.as_chunks::<4>();
@@ -117,16 +117,16 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
         buttons,
         framing: Framing::Blocks,
     };
-    Look::Record { length: WIRE, record: Record::Sample(sample) }
+    Parsed::Record { length: WIRE, record: Record::Sample(sample) }
 }
 
 /// Judges a window shorter than a block; bytes that cannot begin a block are not held back.
 #[cold]
-fn judge_beginning(window: &[u8]) -> Look<Record<'_>> {
+fn judge_beginning(window: &[u8]) -> Parsed<Record<'_>> {
     match window {
-        [_, kind, ..] if *kind != TYPE => Look::skip_byte(Refusal::Header),
-        [_, _, axes, ..] if *axes != AXES as u8 => Look::skip_byte(Refusal::Header),
-        _ => Look::Short,
+        [_, kind, ..] if *kind != TYPE => Parsed::skip_byte(Refusal::Header),
+        [_, _, axes, ..] if *axes != AXES as u8 => Parsed::skip_byte(Refusal::Header),
+        _ => Parsed::Short,
     }
 }
 

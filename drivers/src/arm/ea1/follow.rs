@@ -73,7 +73,7 @@ pub(super) struct Follower {
 }
 
 /// Number of samples for which an overrun is reported.
-const SPOKEN_OF: u32 = 100;
+const OVERRUN_SAMPLES: u32 = 100;
 
 impl Follower {
     pub(super) fn new(settings: &Settings, bare: bool) -> Self {
@@ -95,7 +95,7 @@ impl Follower {
             lost: 0,
             refused: 0,
             trouble: String::new(),
-            since_overrun: SPOKEN_OF,
+            since_overrun: OVERRUN_SAMPLES,
         }
     }
 
@@ -173,16 +173,16 @@ impl Follower {
     }
 
     /// Takes a record from the arm.
-    pub(super) fn take(&mut self, record: &Record<'_>, at_ns: i64, found: &mut VecDeque<Reading>) {
+    pub(super) fn push(&mut self, record: &Record<'_>, at_ns: i64, found: &mut VecDeque<Reading>) {
         match *record {
             Record::Sample(sample) => {
                 let (period_us, zeroed) = (self.period_us, self.zeroed);
-                let passed = self.homing.take(Taken { sample, at_ns }, wide(sample.counts), |earlier, later| {
+                let passed = self.homing.push(Taken { sample, at_ns }, wide(sample.counts), |earlier, later| {
                     between(&earlier.sample, &later.sample, period_us, zeroed)
                 });
                 self.pass(passed, found);
             }
-            Record::Unreliable(counts) => self.take_bare(counts, at_ns, found),
+            Record::Unreliable(counts) => self.push_bare(counts, at_ns, found),
             Record::Time { token, t_us } => self.answered(token, t_us, at_ns),
             Record::Identity(_) => self.restarted = true,
             Record::Error(code) => tracing::debug!("the arm answers with error {code}"),
@@ -211,23 +211,20 @@ impl Follower {
             if let Some(last) = self.last.replace(sample) {
                 self.count(&last, &sample);
             }
-            let says = homed_of(sample.flags);
+            let reported = homed_of(sample.flags);
             let fault = (sample.flags / flag::FAULT[0]) as u8 & self.homing.all();
             // Axes that the arm reports as not homed are trusted again once it reports them as
             // homed.
-            self.homing.trust(!says & self.homing.all());
-            self.zero(&sample, says, counts);
-            let homed = says & self.homing.homed() & !fault;
+            self.homing.trust(!reported & self.homing.all());
+            self.zero(&sample, reported, counts);
+            let homed = reported & self.homing.homed() & !fault;
             if homed == self.homing.all() {
                 self.homing.settle();
             }
-            let mut status = self.homing.status(homed, fault);
-            if jumped && status != Status::Ok && !self.homing.why().is_empty() {
-                status = Status::Other(self.homing.why().to_owned().into());
-            }
+            let status = self.homing.status_after(jumped, homed, fault);
             let is_overrun = sample.flags & flag::OVERRUN != 0;
             self.since_overrun = if is_overrun { 0 } else { self.since_overrun.saturating_add(1) };
-            self.note(self.since_overrun < SPOKEN_OF, &status);
+            self.note(self.since_overrun < OVERRUN_SAMPLES, &status);
             let ticks = Some(u64::from(sample.t_us));
             let counts = Counts { homed, buttons: sample.buttons, status, ..blank(ticks, at_ns, counts) };
             found.push_back(Reading::Counts(counts));
@@ -235,9 +232,9 @@ impl Follower {
     }
 
     /// Takes bare numbers, by the host's time.
-    fn take_bare(&mut self, shown: [i32; AXES], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn push_bare(&mut self, shown: [i32; AXES], at_ns: i64, found: &mut VecDeque<Reading>) {
         let sample = Sample { seq: 0, t_us: 0, counts: shown, flags: 0, buttons: 0, framing: Framing::Lines };
-        let passed = self.homing.take(Taken { sample, at_ns }, wide(shown), |earlier, later| Between::Later {
+        let passed = self.homing.push(Taken { sample, at_ns }, wide(shown), |earlier, later| Between::Later {
             ns: later.at_ns - earlier.at_ns,
             set: 0,
             expected: true,
@@ -266,7 +263,7 @@ impl Follower {
     }
 
     /// Checks in the first sample after zeroing whether the axes are zeroed.
-    fn zero(&mut self, sample: &Sample, says: u8, counts: [i64; reading::AXES]) {
+    fn zero(&mut self, sample: &Sample, reported: u8, counts: [i64; reading::AXES]) {
         let Some(Zeroed { axes, by_us }) = self.zeroed else { return };
         let since_us = i64::from(sample.t_us.wrapping_sub(by_us).cast_signed());
         if since_us < 0 {
@@ -274,7 +271,7 @@ impl Follower {
         }
         self.zeroed = None;
         let moved = self.fastest * (since_us + ANSWER / 1000) / 1_000_000;
-        let is_there = |axis: &usize| says & 1 << axis != 0 && counts[*axis].abs() <= moved;
+        let is_there = |axis: &usize| reported & 1 << axis != 0 && counts[*axis].abs() <= moved;
         let zeroed =
             (0..AXES).filter(|axis| axes & 1 << axis != 0).filter(is_there).fold(0, |all, axis| all | 1 << axis);
         self.homing.trust(zeroed);
@@ -287,14 +284,12 @@ impl Follower {
     /// Updates the reported problem from the status of the last reading.
     fn note(&mut self, overrun: bool, status: &Status) {
         let trouble = match status {
-            Status::Other(why) if self.homing.why().is_empty() => why,
-            Status::Other(_) => self.homing.why(),
             Status::Ok if overrun => {
                 "takes more samples than it can send: ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
             }
             // The user chose bare numbers; the warning stays as long as they are in use.
             Status::Ok if self.bare => UNRELIABLE,
-            Status::Ok => "",
+            status => self.homing.trouble(status),
         };
         if self.trouble != trouble {
             trouble.clone_into(&mut self.trouble);
@@ -331,11 +326,12 @@ fn between(earlier: &Sample, later: &Sample, period_us: Option<i64>, zeroed: Opt
         return Between::Anew;
     }
     let is_past = |by_us: u32, sample: &Sample| sample.t_us.wrapping_sub(by_us).cast_signed() >= 0;
-    let told = zeroed.filter(|zeroed| is_past(zeroed.by_us, later) && !is_past(zeroed.by_us, earlier));
+    let zeroing = zeroed.filter(|zeroed| is_past(zeroed.by_us, later) && !is_past(zeroed.by_us, earlier));
     // An index mark passed.
-    let met = homed_of(later.flags) & !homed_of(earlier.flags);
+    let marked = homed_of(later.flags) & !homed_of(earlier.flags);
     // Number and time must advance together, or one of them is corrupted. The arm's timer may
     // restart when the arm is zeroed.
-    let expected = told.is_some() || period_us.is_none_or(|period| (us - steps * period).abs() <= period / 2 + us / 8);
-    Between::Later { ns: us * 1000, set: told.map_or(0, |zeroed| zeroed.axes) | met, expected }
+    let expected =
+        zeroing.is_some() || period_us.is_none_or(|period| (us - steps * period).abs() <= period / 2 + us / 8);
+    Between::Later { ns: us * 1000, set: zeroing.map_or(0, |zeroed| zeroed.axes) | marked, expected }
 }

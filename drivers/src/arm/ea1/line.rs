@@ -1,17 +1,17 @@
 //! Lines: `$`, fields, `*`, checksum of two hexadecimal digits, CR LF. The checksum is the
 //! exclusive or of the bytes between `$` and `*`.
 
-use super::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
-use crate::framing::{Look, Refusal};
+use super::record::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
+use crate::framing::{Parsed, Refusal};
 use crate::numerals;
 
 /// Bytes of `*`, two digits, CR LF.
 const END: usize = 5;
 
 #[inline]
-pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
+pub(super) fn parse(window: &[u8]) -> Parsed<Record<'_>> {
     match sample(window) {
-        Some((length, sample)) => Look::Record { length, record: Record::Sample(sample) },
+        Some((length, sample)) => Parsed::Record { length, record: Record::Sample(sample) },
         None => any_line(window),
     }
 }
@@ -96,15 +96,15 @@ fn sum_and_end(summed: &[u8]) -> [u8; 4] {
 /// Reads any line that begins here, or gives the reason for a refusal. Agrees with [`sample`] on
 /// samples.
 #[cold]
-fn any_line(window: &[u8]) -> Look<Record<'_>> {
+fn any_line(window: &[u8]) -> Parsed<Record<'_>> {
     let inside = &window[..window.len().min(LONGEST_LINE)];
     let is_within = |byte: &u8| matches!(byte, 0x20..=0x7e) && !matches!(byte, b'$' | b'*');
     let Some(star) = inside[1..].iter().position(|byte| !is_within(byte)).map(|before| 1 + before) else {
-        return if inside.len() < LONGEST_LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
+        return if inside.len() < LONGEST_LINE { Parsed::Short } else { Parsed::skip_byte(Refusal::Length) };
     };
     if inside[star] != b'*' {
         // The line is truncated: a new one may begin here.
-        return Look::Skip { bytes: star, why: Refusal::Length };
+        return Parsed::Skip { bytes: star, why: Refusal::Length };
     }
     let [tens, ones, end @ ..] = sum_and_end(&inside[1..star]);
     let expected = [[tens, ones].map(|digit| digit.to_ascii_lowercase()), [tens, ones]];
@@ -114,16 +114,16 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
             _ => (end[index - 2] == *byte, Refusal::Length),
         };
         if !good {
-            return Look::skip_byte(why);
+            return Parsed::skip_byte(why);
         }
     }
     if inside.len() < star + END {
-        return if inside.len() < LONGEST_LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
+        return if inside.len() < LONGEST_LINE { Parsed::Short } else { Parsed::skip_byte(Refusal::Length) };
     }
     match std::str::from_utf8(&inside[1..star]).ok().map(record) {
-        Some(Ok(record)) => Look::Record { length: star + END, record },
-        Some(Err(why)) => Look::skip_byte(why),
-        None => Look::skip_byte(Refusal::Field),
+        Some(Ok(record)) => Parsed::Record { length: star + END, record },
+        Some(Err(why)) => Parsed::skip_byte(why),
+        None => Parsed::skip_byte(Refusal::Field),
     }
 }
 
@@ -187,25 +187,27 @@ fn count(field: &str) -> Result<i32, Refusal> {
 }
 
 /// Reads three whole numbers with commas between them, ended by LF or CR LF.
-pub(super) fn bare_numbers(window: &[u8]) -> Look<Record<'_>> {
+pub(super) fn bare_numbers(window: &[u8]) -> Parsed<Record<'_>> {
     // Eleven characters per number, two commas, CR LF.
     const LONGEST: usize = 3 * 11 + 2 + 2;
     let inside = &window[..window.len().min(LONGEST)];
     let Some(end) = inside.iter().position(|byte| !matches!(byte, b'0'..=b'9' | b'-' | b',')) else {
-        return if inside.len() < LONGEST { Look::Short } else { Look::skip_byte(Refusal::Length) };
+        return if inside.len() < LONGEST { Parsed::Short } else { Parsed::skip_byte(Refusal::Length) };
     };
     let length = match inside[end..] {
         [b'\n', ..] => end + 1,
         [b'\r', b'\n', ..] => end + 2,
-        [b'\r'] if inside.len() < LONGEST => return Look::Short,
-        _ => return Look::skip_byte(Refusal::Length),
+        [b'\r'] if inside.len() < LONGEST => return Parsed::Short,
+        _ => return Parsed::skip_byte(Refusal::Length),
     };
     let mut fields = inside[..end]
         .split(|&byte| byte == b',')
         .map(|field| std::str::from_utf8(field).map_err(|_| Refusal::Field).and_then(count));
     match (fields.next(), fields.next(), fields.next(), fields.next()) {
-        (Some(Ok(a)), Some(Ok(b)), Some(Ok(c)), None) => Look::Record { length, record: Record::Unreliable([a, b, c]) },
-        _ => Look::skip_byte(Refusal::Field),
+        (Some(Ok(a)), Some(Ok(b)), Some(Ok(c)), None) => {
+            Parsed::Record { length, record: Record::Unreliable([a, b, c]) }
+        }
+        _ => Parsed::skip_byte(Refusal::Field),
     }
 }
 

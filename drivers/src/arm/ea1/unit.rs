@@ -15,7 +15,7 @@ use super::follow::Follower;
 use super::{AXES, Command, Ea1, Framing, Identity, Record};
 use crate::Error;
 use crate::arm::Settings;
-use crate::connection::{Lost, Met, Protocol, SetupStep};
+use crate::connection::{Lost, Protocol, SetupEvent, SetupStep};
 use crate::framing::{Decoder, Refusal};
 
 /// Usual serial rate, bits per second.
@@ -25,7 +25,7 @@ const START: i64 = 2_500 * MS;
 /// Silence after which a stopped arm counts as quiet, ns.
 const QUIET: i64 = 60 * MS;
 /// Time that an arm may take to become quiet, ns.
-const HUSHED: i64 = 600 * MS;
+const QUIET_WITHIN: i64 = 600 * MS;
 /// Time limit of an answer, ns.
 const ANSWER: i64 = 300 * MS;
 /// Bytes of a usual line, and of a block.
@@ -37,7 +37,7 @@ const BARE: usize = 3;
 
 /// Sample format of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Speech {
+pub enum SampleFormat {
     /// EA1, samples as lines.
     #[default]
     Lines,
@@ -57,21 +57,21 @@ enum Step {
     },
     Wait,
     Stop,
-    Hush,
+    AwaitQuiet,
     Ask,
-    Asked,
+    Answer,
     Stream,
     Streaming,
     /// Waits for bare numbers.
     Bare,
     Done,
-    Fallen,
+    Failed,
 }
 
 /// An EA1 arm on a line.
 pub struct Unit {
     settings: Settings,
-    speech: Speech,
+    format: SampleFormat,
     decoder: Decoder<Ea1>,
     step: Step,
     bare: usize,
@@ -85,23 +85,23 @@ impl Unit {
     ///
     /// # Errors
     /// [`Error::Setting`] for settings that no arm has.
-    pub fn new(name: &str, settings: Settings, speech: Speech) -> Result<Self, Error> {
+    pub fn new(name: &str, settings: Settings, format: SampleFormat) -> Result<Self, Error> {
         settings.check(2000)?;
         let baud = settings.baud.unwrap_or(BAUD);
-        let bytes = BYTES[usize::from(speech == Speech::Blocks)];
+        let bytes = BYTES[usize::from(format == SampleFormat::Blocks)];
         let timing = Timing {
-            rate_hz: (speech != Speech::BareNumbers).then(|| f64::from(settings.rate_hz)),
+            rate_hz: (format != SampleFormat::BareNumbers).then(|| f64::from(settings.rate_hz)),
             wire_ns: bytes * BITS * SECOND / i64::from(baud),
-            ..match speech {
-                Speech::BareNumbers => Timing::default(),
+            ..match format {
+                SampleFormat::BareNumbers => Timing::default(),
                 _ => Timing { ticks: Ticks::Time, tick_hz: Some(1e6), wraps_at: Some(1 << 32), ..Timing::default() },
             }
         };
         let description = Description { name: format!("EA1 arm on {name}"), timing, ..Description::default() };
-        let follower = Follower::new(&settings, speech == Speech::BareNumbers);
+        let follower = Follower::new(&settings, format == SampleFormat::BareNumbers);
         let mut unit = Self {
             settings,
-            speech,
+            format,
             decoder: Decoder::new(Ea1::new()),
             step: Step::Line,
             bare: 0,
@@ -129,7 +129,7 @@ impl Unit {
     }
 
     fn stream(&self) -> Command {
-        let framing = if self.speech == Speech::Blocks { Framing::Blocks } else { Framing::Lines };
+        let framing = if self.format == SampleFormat::Blocks { Framing::Blocks } else { Framing::Lines };
         Command::Stream(framing, self.settings.rate_hz)
     }
 
@@ -138,21 +138,21 @@ impl Unit {
         SetupStep::Send(command.bytes())
     }
 
-    fn fall(&mut self, why: &str) -> SetupStep {
-        self.step = Step::Fallen;
-        SetupStep::Fall(why.to_owned())
+    fn fail(&mut self, why: &str) -> SetupStep {
+        self.step = Step::Failed;
+        SetupStep::Fail(why.to_owned())
     }
 
     fn does_not_answer(&mut self) -> SetupStep {
         let baud = self.baud();
-        self.fall(&format!(
+        self.fail(&format!(
             "does not answer at {baud} bits a second; check that the arm has power, that it speaks EA1, and its rate (arm.baud)"
         ))
     }
 
     /// Starts reading samples.
     fn listen(&mut self) {
-        if self.speech == Speech::BareNumbers {
+        if self.format == SampleFormat::BareNumbers {
             self.decoder.reformat(Ea1::or_bare_numbers());
             // The next byte may be in the middle of a number.
             self.decoder.interrupt();
@@ -163,11 +163,11 @@ impl Unit {
     }
 
     /// Counts the records in `bytes`: bare numbers, and all others.
-    fn heard(&mut self, bytes: &[u8]) -> [usize; 2] {
-        let mut heard = [0; 2];
-        self.decoder.feed(bytes, &mut |record, _| heard[usize::from(!matches!(record, Record::Unreliable(_)))] += 1);
-        self.bare += heard[0];
-        heard
+    fn count_records(&mut self, bytes: &[u8]) -> [usize; 2] {
+        let mut counts = [0; 2];
+        self.decoder.feed(bytes, &mut |record, _| counts[usize::from(!matches!(record, Record::Unreliable(_)))] += 1);
+        self.bare += counts[0];
+        counts
     }
 
     /// Takes the answer to the identity request.
@@ -183,9 +183,9 @@ impl Unit {
         });
         match wrong {
             Some(None) => Some(self.send(self.stream(), Step::Stream)),
-            Some(Some(wrong)) => Some(self.fall(&wrong)),
+            Some(Some(wrong)) => Some(self.fail(&wrong)),
             None if self.decoder.losses().refused(Refusal::Header) > before => Some(
-                self.fall("needs EA1 version 1 with 3 axes, but the arm has another version or number of axes; check its firmware"),
+                self.fail("needs EA1 version 1 with 3 axes, but the arm has another version or number of axes; check its firmware"),
             ),
             None => None,
         }
@@ -201,17 +201,17 @@ impl Unit {
         });
         if samples > 0 {
             self.listen();
-            return SetupStep::Top { keep: true };
+            return SetupStep::Finish { keep: true };
         }
         match error {
             None => SetupStep::More,
             Some(super::error::TOO_FAST) => {
                 let hz = self.settings.rate_hz;
-                self.fall(&format!(
+                self.fail(&format!(
                     "cannot send {hz} samples a second on this line; ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
                 ))
             }
-            Some(code) => self.fall(&format!("refuses to send samples (error {code}); check its firmware")),
+            Some(code) => self.fail(&format!("refuses to send samples (error {code}); check its firmware")),
         }
     }
 }
@@ -228,13 +228,13 @@ fn fields(identity: &Identity<'_>, baud: &str) -> Vec<(String, String)> {
 }
 
 /// Returns an error text if this is not the configured arm, with advice.
-fn is_another(identity: &Identity<'_>, wanted: &[u32; AXES]) -> Option<String> {
+fn is_another(identity: &Identity<'_>, configured: &[u32; AXES]) -> Option<String> {
     let has = identity.counts_per_revolution;
-    let differs = |axis: &usize| wanted[*axis] != 0 && has[*axis] != 0 && wanted[*axis] != has[*axis];
+    let differs = |axis: &usize| configured[*axis] != 0 && has[*axis] != 0 && configured[*axis] != has[*axis];
     if let Some(axis) = (0..AXES).find(differs) {
-        let (number, has, wanted) = (axis + 1, has[axis], wanted[axis]);
+        let (number, has, configured) = (axis + 1, has[axis], configured[axis]);
         return Some(format!(
-            "says that axis {number} has {has} counts a turn and not {wanted}: it is another arm than the one that was set up (arm.counts_per_turn)"
+            "says that axis {number} has {has} counts a turn and not {configured}: it is another arm than the one that was set up (arm.counts_per_turn)"
         ));
     }
     (identity.tick_hz == 0).then(|| "says that its clock has 0 ticks a second; EA1 needs a clock".into())
@@ -256,19 +256,19 @@ impl Protocol for Unit {
         self.listen();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> SetupStep {
-        match (self.step, met) {
-            (_, Met::Begin) => {
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep {
+        match (self.step, event) {
+            (_, SetupEvent::Begin) => {
                 // After a failed attempt on the same line, opening did not restart the arm, and
                 // its output is known.
-                let knock = self.step == Step::Fallen;
-                if !knock || self.speech == Speech::BareNumbers {
+                let knock = self.step == Step::Failed;
+                if !knock || self.format == SampleFormat::BareNumbers {
                     self.bare = 0;
                 }
                 self.step = Step::Opened { knock };
                 SetupStep::Baud(self.baud())
             }
-            (Step::Opened { .. }, _) if self.speech == Speech::BareNumbers => {
+            (Step::Opened { .. }, _) if self.format == SampleFormat::BareNumbers => {
                 self.decoder.reformat(Ea1::or_bare_numbers());
                 self.decoder.interrupt();
                 self.step = Step::Bare;
@@ -279,11 +279,11 @@ impl Protocol for Unit {
                 self.step = Step::Wait;
                 SetupStep::Listen(START)
             }
-            (Step::Wait, Met::Heard(bytes)) => match self.heard(bytes) {
+            (Step::Wait, SetupEvent::Received(bytes)) => match self.count_records(bytes) {
                 [_, 0] => SetupStep::More,
-                _ => self.climb(Met::Deaf),
+                _ => self.next_step(SetupEvent::NoAnswer),
             },
-            (Step::Opened { .. } | Step::Wait | Step::Line | Step::Fallen | Step::Done, _) => {
+            (Step::Opened { .. } | Step::Wait | Step::Line | Step::Failed | Step::Done, _) => {
                 self.step = Step::Stop;
                 // Sends a line end first, because another host may have left a command
                 // unfinished.
@@ -292,51 +292,51 @@ impl Protocol for Unit {
                 SetupStep::Send(stop)
             }
             (Step::Stop, _) => {
-                self.step = Step::Hush;
-                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+                self.step = Step::AwaitQuiet;
+                SetupStep::AwaitQuiet { quiet_ns: QUIET, at_most_ns: QUIET_WITHIN }
             }
-            (Step::Hush, Met::Noisy) if self.bare >= BARE => self.fall(
+            (Step::AwaitQuiet, SetupEvent::Noisy) if self.bare >= BARE => self.fail(
                 "sends bare numbers without checksum, number and time, and ignores commands; give it firmware with EA1, or set arm.speech to bare numbers",
             ),
-            (Step::Hush, Met::Noisy) => {
-                self.fall("does not stop sending; check that it speaks EA1, and its rate (arm.baud)")
+            (Step::AwaitQuiet, SetupEvent::Noisy) => {
+                self.fail("does not stop sending; check that it speaks EA1, and its rate (arm.baud)")
             }
-            (Step::Hush, _) => {
+            (Step::AwaitQuiet, _) => {
                 self.decoder.reformat(Ea1::new());
                 self.send(Command::Identify, Step::Ask)
             }
             (Step::Ask, _) => {
-                self.step = Step::Asked;
+                self.step = Step::Answer;
                 SetupStep::Listen(ANSWER)
             }
-            (Step::Asked, Met::Heard(bytes)) => self.identify(bytes).unwrap_or(SetupStep::More),
-            (Step::Asked, _) => self.does_not_answer(),
+            (Step::Answer, SetupEvent::Received(bytes)) => self.identify(bytes).unwrap_or(SetupStep::More),
+            (Step::Answer, _) => self.does_not_answer(),
             (Step::Stream, _) => {
                 self.step = Step::Streaming;
                 SetupStep::Listen(self.patience_ns())
             }
-            (Step::Streaming, Met::Heard(bytes)) => self.begun(bytes),
-            (Step::Streaming, _) => self.fall("sends no samples; switch it off and on"),
-            (Step::Bare, Met::Heard(bytes)) => match self.heard(bytes) {
+            (Step::Streaming, SetupEvent::Received(bytes)) => self.begun(bytes),
+            (Step::Streaming, _) => self.fail("sends no samples; switch it off and on"),
+            (Step::Bare, SetupEvent::Received(bytes)) => match self.count_records(bytes) {
                 _ if self.bare >= BARE => {
                     self.listen();
-                    SetupStep::Top { keep: false }
+                    SetupStep::Finish { keep: false }
                 }
                 _ => SetupStep::More,
             },
-            (Step::Bare, _) => self.fall(
+            (Step::Bare, _) => self.fail(
                 "sends no lines of three numbers; check that the arm has power, and its rate (arm.baud)",
             ),
         }
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let follower = &mut self.follower;
-        self.decoder.feed(bytes, &mut |record, _| follower.take(&record, at_ns, found));
+        self.decoder.feed(bytes, &mut |record, _| follower.push(&record, at_ns, found));
     }
 
     fn ask(&mut self, now_ns: i64) -> Option<(&[u8], i64)> {
-        if self.speech == Speech::BareNumbers {
+        if self.format == SampleFormat::BareNumbers {
             return None;
         }
         self.sent.clear();
@@ -359,7 +359,7 @@ impl Protocol for Unit {
     }
 
     fn farewell(&self) -> &[u8] {
-        if self.speech == Speech::BareNumbers { b"" } else { b"!R0\n" }
+        if self.format == SampleFormat::BareNumbers { b"" } else { b"!R0\n" }
     }
 
     fn lost(&self) -> Lost {

@@ -18,7 +18,7 @@ pub(super) mod unit;
 
 pub use unit::Unit;
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 
 /// Maximum number of encoders of a device.
 pub const MOST_ENCODERS: usize = 7;
@@ -127,19 +127,19 @@ impl Format for Samples {
     }
 
     #[inline]
-    fn look(&mut self, window: &[u8]) -> Look<Sample> {
+    fn parse(&mut self, window: &[u8]) -> Parsed<Sample> {
         if window[0] != self.request.byte | 0x80 {
-            return Look::skip_byte(if window[0] < 0x80 { Refusal::Noise } else { Refusal::Header });
+            return Parsed::skip_byte(if window[0] < 0x80 { Refusal::Noise } else { Refusal::Header });
         }
         let length = self.request.length();
         let inside = &window[1..window.len().min(length)];
         if inside.iter().fold(0, |marks, byte| marks | byte) & 0x80 != 0 {
             // The sample is truncated where the next begins.
             let before = inside.iter().position(|byte| byte & 0x80 != 0).unwrap_or(0);
-            return Look::Skip { bytes: 1 + before, why: Refusal::Length };
+            return Parsed::Skip { bytes: 1 + before, why: Refusal::Length };
         }
         let Some((buttons, values)) = inside.split_first().filter(|_| window.len() >= length) else {
-            return Look::Short;
+            return Parsed::Short;
         };
         let (mut pairs, _) = values.as_chunks::<2>();
         let value = |[high, low]: [u8; 2]| u16::from(high) << 7 | u16::from(low);
@@ -150,7 +150,7 @@ impl Format for Samples {
             pairs = &pairs[1..];
         }
         sample.encoders.iter_mut().zip(pairs).for_each(|(each, pair)| *each = value(*pair));
-        Look::Record { length, record: sample }
+        Parsed::Record { length, record: sample }
     }
 }
 
@@ -271,13 +271,13 @@ impl Format for Answers {
         2 * self.window()
     }
 
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<&'a [u8]> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<&'a [u8]> {
         let echo = match self.awaited {
             Awaited::Signature => {
                 return match window.iter().zip(SIGNATURE).all(|(byte, letter)| byte == letter) {
-                    false => Look::skip_byte(Refusal::Noise),
-                    true if window.len() < SIGNATURE.len() => Look::Short,
-                    true => Look::Record { length: SIGNATURE.len(), record: &window[..SIGNATURE.len()] },
+                    false => Parsed::skip_byte(Refusal::Noise),
+                    true if window.len() < SIGNATURE.len() => Parsed::Short,
+                    true => Parsed::Record { length: SIGNATURE.len(), record: &window[..SIGNATURE.len()] },
                 };
             }
             Awaited::ProductName => return text(window, 0),
@@ -289,12 +289,12 @@ impl Format for Answers {
             },
         };
         if window[0] != echo {
-            return Look::skip_byte(Refusal::Noise);
+            return Parsed::skip_byte(Refusal::Noise);
         }
         let range = match self.awaited {
             Awaited::Answer(Question::Parameters) => match window.get(1) {
                 Some(&length) => 2..2 + usize::from(length),
-                None => return Look::Short,
+                None => return Parsed::Short,
             },
             Awaited::Answer(Question::HomeReference) => 1..13,
             Awaited::Answer(Question::Maxima) => 1..25,
@@ -302,18 +302,18 @@ impl Format for Answers {
             _ => 1..1,
         };
         let length = range.end;
-        window.get(range).map_or(Look::Short, |record| Look::Record { length, record })
+        window.get(range).map_or(Parsed::Short, |record| Parsed::Record { length, record })
     }
 }
 
 /// Reads printable characters from byte `from`, and the zero that ends them.
-fn text(window: &[u8], from: usize) -> Look<&[u8]> {
+fn text(window: &[u8], from: usize) -> Parsed<&[u8]> {
     let inside = &window[from..window.len().min(from + LONGEST_TEXT)];
     match inside.iter().position(|byte| !(0x20..0x7f).contains(byte)) {
-        None if inside.len() < LONGEST_TEXT => Look::Short,
-        Some(end) if inside[end] == 0 && end > 0 => Look::Record { length: from + end + 1, record: &inside[..end] },
-        None => Look::skip_byte(Refusal::Length),
-        Some(_) => Look::skip_byte(Refusal::Field),
+        None if inside.len() < LONGEST_TEXT => Parsed::Short,
+        Some(end) if inside[end] == 0 && end > 0 => Parsed::Record { length: from + end + 1, record: &inside[..end] },
+        None => Parsed::skip_byte(Refusal::Length),
+        Some(_) => Parsed::skip_byte(Refusal::Field),
     }
 }
 

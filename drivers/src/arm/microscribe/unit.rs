@@ -14,14 +14,14 @@
 use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
-use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
+use sonoweave_core::reading::{AXES, Counts, Reading, Stamp};
 use sonoweave_core::{Description, Timing};
 
 use super::{Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE};
 use crate::Error;
 use crate::arm::Settings;
 use crate::arm::homing::{Between, Homing, Passed};
-use crate::connection::{Lost, Met, Protocol, SetupStep};
+use crate::connection::{Lost, Protocol, SetupEvent, SetupStep};
 use crate::framing::Decoder;
 
 /// Serial rates of such devices, the likeliest first, bits per second.
@@ -34,7 +34,7 @@ const PAUSE: i64 = 15 * MS;
 /// ns.
 const QUIET: i64 = 30 * MS;
 /// Time limit for dropping them, ns.
-const HUSHED: i64 = 300 * MS;
+const QUIET_WITHIN: i64 = 300 * MS;
 /// An answer may take this many characters' time (the manufacturer's figure), but at least
 /// [`ANSWER`] ns.
 const CHARACTERS: i64 = 84;
@@ -66,13 +66,13 @@ enum Step {
     Rate,
     Call,
     Called,
-    Hush,
-    Hushed,
+    AwaitQuiet,
+    Quietened,
     Begun,
     Ask(usize),
-    Asked(usize),
+    Answer(usize),
     Done,
-    Fallen,
+    Failed,
 }
 
 /// A reading before it is accepted or refused.
@@ -197,12 +197,12 @@ impl Unit {
             self.step = Step::Rate;
             return SetupStep::Baud(self.rate());
         }
-        self.fall("does not answer at any rate; check that it is switched on, and its cable".into())
+        self.fail("does not answer at any rate; check that it is switched on, and its cable".into())
     }
 
-    fn fall(&mut self, why: String) -> SetupStep {
-        self.step = Step::Fallen;
-        SetupStep::Fall(why)
+    fn fail(&mut self, why: String) -> SetupStep {
+        self.step = Step::Failed;
+        SetupStep::Fail(why)
     }
 
     /// Returns the awaited answer once it is complete.
@@ -222,7 +222,7 @@ impl Unit {
     fn question(&mut self, index: usize) -> SetupStep {
         let Some(question) = QUESTIONS.get(index) else {
             self.begin_samples();
-            return SetupStep::Top { keep: false };
+            return SetupStep::Finish { keep: false };
         };
         self.await_answer(Awaited::Answer(*question));
         self.step = Step::Ask(index);
@@ -265,12 +265,12 @@ impl Unit {
                 let turns: Vec<u32> =
                     maxima.iter().map(|maximum| u32::from(u16::from_be_bytes(*maximum)) + 1).collect();
                 add("CountsPerTurn", turns.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "));
-                let wanted = self.settings.counts_per_turn;
-                let differs = |(axis, has): &(usize, &u32)| wanted.get(*axis).is_some_and(|w| *w != 0 && w != *has);
+                let configured = self.settings.counts_per_turn;
+                let differs = |(axis, has): &(usize, &u32)| configured.get(*axis).is_some_and(|w| *w != 0 && w != *has);
                 if let Some((axis, has)) = turns.iter().enumerate().find(differs) {
-                    let (number, wanted) = (axis + 1, wanted[axis]);
+                    let (number, configured) = (axis + 1, configured[axis]);
                     return Some(format!(
-                        "says that axis {number} has {has} counts a turn and not {wanted}: it is another arm than the one that was set up (arm.counts_per_turn)"
+                        "says that axis {number} has {has} counts a turn and not {configured}: it is another arm than the one that was set up (arm.counts_per_turn)"
                     ));
                 }
             }
@@ -281,12 +281,12 @@ impl Unit {
 }
 
 impl Follower {
-    fn take(&mut self, sample: &Sample, at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn push(&mut self, sample: &Sample, at_ns: i64, found: &mut VecDeque<Reading>) {
         let mut shown = [0; AXES];
         shown.iter_mut().zip(sample.encoders()).for_each(|(shown, count)| *shown = i64::from(*count));
         let all = self.homing.all();
         let taken = Taken { at_ns, buttons: sample.buttons, homed: self.homed };
-        let passed = self.homing.take(taken, shown, |earlier, later| Between::Later {
+        let passed = self.homing.push(taken, shown, |earlier, later| Between::Later {
             ns: (later.at_ns - earlier.at_ns).max(0),
             set: if later.homed == earlier.homed { 0 } else { all },
             expected: true,
@@ -299,15 +299,8 @@ impl Follower {
         let jumped = passed.held.is_some();
         for (Taken { at_ns, buttons, .. }, counts) in [passed.held, passed.this].into_iter().flatten() {
             let homed = self.homing.homed();
-            let mut status = self.homing.status(homed, 0);
-            if jumped && status != Status::Ok {
-                status = Status::Other(self.homing.why().to_owned().into());
-            }
-            let trouble = match &status {
-                Status::Other(why) if self.homing.why().is_empty() => why,
-                Status::Other(_) => self.homing.why(),
-                Status::Ok => "",
-            };
+            let status = self.homing.status_after(jumped, homed, 0);
+            let trouble = self.homing.trouble(&status);
             if self.trouble != trouble {
                 trouble.clone_into(&mut self.trouble);
             }
@@ -338,13 +331,13 @@ impl Protocol for Unit {
         self.begin_samples();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> SetupStep {
-        match (self.step, met) {
-            (_, Met::Begin) => {
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep {
+        match (self.step, event) {
+            (_, SetupEvent::Begin) => {
                 self.step = Step::Rate;
                 SetupStep::Baud(self.rate())
             }
-            (Step::Rate | Step::Done | Step::Fallen, _) => {
+            (Step::Rate | Step::Done | Step::Failed, _) => {
                 self.calls += 1;
                 self.await_answer(Awaited::Signature);
                 self.step = Step::Call;
@@ -356,31 +349,31 @@ impl Protocol for Unit {
                 self.step = Step::Called;
                 SetupStep::Listen(PAUSE + self.wire(2 * SIGNATURE.len() as i64 + 1))
             }
-            (Step::Called, Met::Heard(bytes)) => match self.answered(bytes) {
+            (Step::Called, SetupEvent::Received(bytes)) => match self.answered(bytes) {
                 None => SetupStep::More,
                 Some(_) => {
                     (self.found, self.tried) = (Some(self.rate()), 0);
-                    self.step = Step::Hush;
-                    self.climb(Met::Done)
+                    self.step = Step::AwaitQuiet;
+                    self.next_step(SetupEvent::Done)
                 }
             },
             (Step::Called, _) if self.calls < CALLS => {
                 self.step = Step::Rate;
-                self.climb(Met::Done)
+                self.next_step(SetupEvent::Done)
             }
             (Step::Called, _) => self.next_rate(),
-            (Step::Hush, _) => {
-                self.step = Step::Hushed;
-                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+            (Step::AwaitQuiet, _) => {
+                self.step = Step::Quietened;
+                SetupStep::AwaitQuiet { quiet_ns: QUIET, at_most_ns: QUIET_WITHIN }
             }
-            (Step::Hushed, Met::Quiet) => {
+            (Step::Quietened, SetupEvent::Quiet) => {
                 self.await_answer(Awaited::ProductName);
                 self.step = Step::Begun;
                 SetupStep::Send(BEGIN.to_vec())
             }
-            (Step::Hushed, _) => self.fall("does not stop sending; switch it off and on".into()),
-            (Step::Begun, Met::Done) => SetupStep::Listen(self.answer()),
-            (Step::Begun, Met::Heard(bytes)) => match self.answered(bytes) {
+            (Step::Quietened, _) => self.fail("does not stop sending; switch it off and on".into()),
+            (Step::Begun, SetupEvent::Done) => SetupStep::Listen(self.answer()),
+            (Step::Begun, SetupEvent::Received(bytes)) => match self.answered(bytes) {
                 None => SetupStep::More,
                 Some(name) => {
                     let name = String::from_utf8_lossy(&name).into_owned();
@@ -389,24 +382,24 @@ impl Protocol for Unit {
                     self.question(0)
                 }
             },
-            (Step::Begun, _) => self.fall("answers and does not begin; switch it off and on".into()),
+            (Step::Begun, _) => self.fail("answers and does not begin; switch it off and on".into()),
             (Step::Ask(index), _) => {
-                self.step = Step::Asked(index);
+                self.step = Step::Answer(index);
                 SetupStep::Listen(self.answer())
             }
-            (Step::Asked(index), Met::Heard(bytes)) => match self.answered(bytes) {
+            (Step::Answer(index), SetupEvent::Received(bytes)) => match self.answered(bytes) {
                 None => SetupStep::More,
                 Some(answer) => match self.keep(QUESTIONS[index], &answer) {
                     None => self.question(index + 1),
-                    Some(wrong) => self.fall(wrong),
+                    Some(wrong) => self.fail(wrong),
                 },
             },
             // A device does not answer unknown questions; its samples decide.
-            (Step::Asked(index), _) => self.question(index + 1),
+            (Step::Answer(index), _) => self.question(index + 1),
         }
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let mark = self.request.byte() | MARK;
         let follower = &mut self.follower;
         for part in bytes.split_inclusive(|byte| *byte == HOMED) {
@@ -422,7 +415,7 @@ impl Protocol for Unit {
                 }
             }
             let before = part.strip_suffix(&[HOMED]);
-            self.decoder.feed(before.unwrap_or(part), &mut |sample, _| follower.take(&sample, at_ns, found));
+            self.decoder.feed(before.unwrap_or(part), &mut |sample, _| follower.push(&sample, at_ns, found));
             if before.is_some() {
                 self.maybe_homed = self.decoder.pending() == 0;
                 if !self.maybe_homed {

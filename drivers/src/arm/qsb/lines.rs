@@ -70,7 +70,7 @@ impl Arm {
     }
 
     /// Reports the worst health of the three axes, and names the axis.
-    fn tell(&mut self, now_ns: i64) {
+    fn update_health(&mut self, now_ns: i64) {
         let rank = |state: State| match state {
             State::Stopped => 5,
             State::Absent => 4,
@@ -112,7 +112,7 @@ impl Arm {
     fn next_of_turn(&mut self, deadline_ns: i64) -> Result<Option<Reading>, Error> {
         let set_up = self.health.received.set_up;
         let next = self.lines[self.turn].next(deadline_ns)?;
-        self.tell(self.clock.now_ns());
+        self.update_health(self.clock.now_ns());
         if self.health.received.set_up != set_up {
             self.describe_all();
         }
@@ -148,7 +148,7 @@ impl Device for Arm {
         for line in &mut self.lines {
             line.start()?;
         }
-        self.tell(self.clock.now_ns());
+        self.update_health(self.clock.now_ns());
         Ok(())
     }
 
@@ -181,7 +181,7 @@ impl Device for Arm {
 
     fn stop(&mut self) -> Result<(), Error> {
         let stopped = self.lines.each_mut().map(Device::stop);
-        self.tell(self.clock.now_ns());
+        self.update_health(self.clock.now_ns());
         stopped.into_iter().collect()
     }
 

@@ -18,7 +18,7 @@ pub(super) mod unit;
 pub use lines::Arm;
 pub use unit::Unit;
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 use crate::numerals;
 
 /// Clock frequency, ticks per second.
@@ -180,9 +180,9 @@ impl Format for Qsb {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         match usual(window) {
-            Some(value) => Look::Record { length: LINE, record: Record::Value(value) },
+            Some(value) => Parsed::Record { length: LINE, record: Record::Value(value) },
             None => any_line(window),
         }
     }
@@ -206,7 +206,7 @@ fn usual(window: &[u8]) -> Option<Value> {
 
 /// Reads a line in any format of a unit.
 #[cold]
-fn any_line(window: &[u8]) -> Look<Record<'_>> {
+fn any_line(window: &[u8]) -> Parsed<Record<'_>> {
     let inside = &window[..window.len().min(LINE)];
     let first = inside[0];
     let may_follow = |byte: &u8| match first {
@@ -214,22 +214,22 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
         _ => matches!(byte, 0x20..=0x7e),
     };
     if !matches!(first, b'r' | b'w' | b's' | b'e' | b'Q') {
-        return Look::skip_byte(Refusal::Noise);
+        return Parsed::skip_byte(Refusal::Noise);
     }
     if inside.iter().zip(b"QSB-").any(|(byte, letter)| first == b'Q' && byte != letter) {
-        return Look::skip_byte(Refusal::Header);
+        return Parsed::skip_byte(Refusal::Header);
     }
     // The search for `!` starts after the first byte.
     let end = inside[1..].iter().position(|byte| *byte == b'!' || !may_follow(byte)).map(|before| 1 + before);
     let Some(end) = end else {
-        return if inside.len() < LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
+        return if inside.len() < LINE { Parsed::Short } else { Parsed::skip_byte(Refusal::Length) };
     };
     if inside[end] != b'!' {
-        return Look::skip_byte(Refusal::Length);
+        return Parsed::skip_byte(Refusal::Length);
     }
     // The unit's settings determine its line end.
     let length = match window[end + 1..] {
-        [] | [b'\r'] => return Look::Short,
+        [] | [b'\r'] => return Parsed::Short,
         [b'\r', b'\n', ..] => end + 3,
         [b'\r' | b'\n', ..] => end + 2,
         _ => end + 1,
@@ -239,7 +239,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
         b'Q' => Some(Record::Banner),
         _ => value(&inside[..end]).map(Record::Value),
     };
-    record.map_or(Look::skip_byte(Refusal::Field), |record| Look::Record { length, record })
+    record.map_or(Parsed::skip_byte(Refusal::Field), |record| Parsed::Record { length, record })
 }
 
 /// Reads a letter, 2, 8 and optionally 8 more digits, and blanks anywhere.

@@ -11,14 +11,14 @@
 use std::collections::VecDeque;
 
 use sonoweave_core::clock::{MS, SECOND};
-use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
+use sonoweave_core::reading::{AXES, Counts, Reading, Stamp};
 use sonoweave_core::{Description, Ticks, Timing};
 
 use super::{Cause, Command, Qsb, Record, TICK_HZ, Value, register};
 use crate::Error;
 use crate::arm::Settings;
 use crate::arm::homing::{Between, HOME_IT, Homing, Passed};
-use crate::connection::{Lost, Met, Protocol, SetupStep};
+use crate::connection::{Lost, Protocol, SetupEvent, SetupStep};
 use crate::framing::Decoder;
 
 /// Usual serial rate, bits per second.
@@ -26,7 +26,7 @@ pub(in crate::arm) const BAUD: u32 = 230_400;
 /// Silence after which a stopped unit counts as quiet, ns.
 const QUIET: i64 = 40 * MS;
 /// Time that a unit may take to become quiet, ns.
-const HUSHED: i64 = 250 * MS;
+const QUIET_WITHIN: i64 = 250 * MS;
 /// Time limit of an answer, ns.
 const ANSWER: i64 = 150 * MS;
 /// Maximum ticks between two readings of one unit; the clock never goes back.
@@ -43,10 +43,10 @@ const BITS: i64 = 10;
 enum Step {
     Line,
     Stop,
-    Hush,
+    AwaitQuiet,
     /// The version was requested, or the setting with this index was written.
     Sent(Option<usize>),
-    Told(Option<usize>),
+    Answer(Option<usize>),
     Stream,
     Done,
 }
@@ -127,7 +127,7 @@ impl Unit {
     }
 
     /// Asks for the version, or writes a register.
-    fn tell(&mut self, index: Option<usize>) -> SetupStep {
+    fn send_command(&mut self, index: Option<usize>) -> SetupStep {
         let command = match index {
             None => Command::Read(register::VERSION),
             Some(index) => match self.commands().get(index) {
@@ -142,9 +142,9 @@ impl Unit {
         SetupStep::Send(command.bytes())
     }
 
-    /// Takes the answer to [`tell`](Self::tell).
-    fn told(&mut self, index: Option<usize>, bytes: &[u8]) -> SetupStep {
-        let (register, wanted) = match index {
+    /// Takes the answer to [`send_command`](Self::send_command).
+    fn read_answer(&mut self, index: Option<usize>, bytes: &[u8]) -> SetupStep {
+        let (register, expected) = match index {
             None => (register::VERSION, None),
             // The value of the clock's register after its reset is not documented.
             Some(index) => match self.commands()[index] {
@@ -153,43 +153,43 @@ impl Unit {
             },
         };
         let cause = if index.is_none() { Cause::Read } else { Cause::Written };
-        let (mut said, mut refused) = (None, false);
+        let (mut answer, mut refused) = (None, false);
         self.decoder.feed(bytes, &mut |record, _| match record {
-            Record::Value(value) if value.cause == cause && value.register == register => said = Some(value.value),
+            Record::Value(value) if value.cause == cause && value.register == register => answer = Some(value.value),
             Record::Error(_) => refused = true,
             _ => {}
         });
-        match said {
+        match answer {
             None if refused => {
-                self.fall(format!("refuses register {register:02X}; its firmware may be of another kind"))
+                self.fail(format!("refuses register {register:02X}; its firmware may be of another kind"))
             }
             None => SetupStep::More,
-            Some(said) if wanted.is_some_and(|wanted| wanted != said) => self.fall(format!(
-                "was told {wanted:?} for register {register:02X} and keeps {said}; switch it off and on"
+            Some(value) if expected.is_some_and(|expected| expected != value) => self.fail(format!(
+                "was told {expected:?} for register {register:02X} and keeps {value}; switch it off and on"
             )),
-            Some(said) => {
+            Some(value) => {
                 if index.is_none() {
                     // Serial number from bit 12, type of unit from bit 8, firmware below.
                     self.description.fields = vec![
-                        ("Serial".into(), (said >> 12).to_string()),
-                        ("Type".into(), (said >> 8 & 0xf).to_string()),
-                        ("Firmware".into(), (said & 0xff).to_string()),
+                        ("Serial".into(), (value >> 12).to_string()),
+                        ("Type".into(), (value >> 8 & 0xf).to_string()),
+                        ("Firmware".into(), (value & 0xff).to_string()),
                         ("Baud".into(), self.baud().to_string()),
                     ];
                 }
-                self.tell(Some(index.map_or(0, |index| index + 1)))
+                self.send_command(Some(index.map_or(0, |index| index + 1)))
             }
         }
     }
 
-    fn fall(&mut self, why: String) -> SetupStep {
+    fn fail(&mut self, why: String) -> SetupStep {
         self.step = Step::Line;
-        SetupStep::Fall(why)
+        SetupStep::Fail(why)
     }
 }
 
 impl Follower {
-    fn take(&mut self, record: &Record<'_>, at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn push(&mut self, record: &Record<'_>, at_ns: i64, found: &mut VecDeque<Reading>) {
         match *record {
             Record::Value(value) => self.count(value, at_ns, found),
             Record::Banner => {
@@ -207,7 +207,7 @@ impl Follower {
         };
         let mut shown = [0; AXES];
         shown[0] = value.cast_signed().into();
-        let passed = self.homing.take(Taken { ticks, at_ns }, shown, between);
+        let passed = self.homing.push(Taken { ticks, at_ns }, shown, between);
         self.pass(passed, found);
     }
 
@@ -221,15 +221,8 @@ impl Follower {
                 self.lost += u64::from(intervals.saturating_sub(1));
             }
             let homed = self.homing.homed();
-            let mut status = self.homing.status(homed, 0);
-            if jumped && status != Status::Ok {
-                status = Status::Other(self.homing.why().to_owned().into());
-            }
-            let trouble = match &status {
-                Status::Other(why) if self.homing.why().is_empty() => why,
-                Status::Other(_) => self.homing.why(),
-                Status::Ok => "",
-            };
+            let status = self.homing.status_after(jumped, homed, 0);
+            let trouble = self.homing.trouble(&status);
             if self.trouble != trouble {
                 trouble.clone_into(&mut self.trouble);
             }
@@ -276,9 +269,9 @@ impl Protocol for Unit {
         self.reset();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> SetupStep {
-        match (self.step, met) {
-            (_, Met::Begin) => {
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep {
+        match (self.step, event) {
+            (_, SetupEvent::Begin) => {
                 self.step = Step::Line;
                 SetupStep::Baud(self.baud())
             }
@@ -291,37 +284,37 @@ impl Protocol for Unit {
                 SetupStep::Send(stop)
             }
             (Step::Stop, _) => {
-                self.step = Step::Hush;
-                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+                self.step = Step::AwaitQuiet;
+                SetupStep::AwaitQuiet { quiet_ns: QUIET, at_most_ns: QUIET_WITHIN }
             }
-            (Step::Hush, Met::Noisy) => {
+            (Step::AwaitQuiet, SetupEvent::Noisy) => {
                 let why = "does not stop sending; check that it is a QSB, and its rate (arm.baud)";
-                self.fall(why.into())
+                self.fail(why.into())
             }
-            (Step::Hush, _) => {
+            (Step::AwaitQuiet, _) => {
                 self.decoder.interrupt();
-                self.tell(None)
+                self.send_command(None)
             }
             (Step::Sent(index), _) => {
-                self.step = Step::Told(index);
+                self.step = Step::Answer(index);
                 SetupStep::Listen(ANSWER)
             }
-            (Step::Told(index), Met::Heard(bytes)) => self.told(index, bytes),
-            (Step::Told(None), _) => {
+            (Step::Answer(index), SetupEvent::Received(bytes)) => self.read_answer(index, bytes),
+            (Step::Answer(None), _) => {
                 let baud = self.baud();
-                self.fall(format!("does not answer at {baud} bits a second; check its plug, and its rate (arm.baud)"))
+                self.fail(format!("does not answer at {baud} bits a second; check its plug, and its rate (arm.baud)"))
             }
-            (Step::Told(Some(_)), _) => self.fall("answered at first and then no more; check its plug".into()),
+            (Step::Answer(Some(_)), _) => self.fail("answered at first and then no more; check its plug".into()),
             (Step::Stream, _) => {
                 self.step = Step::Done;
-                SetupStep::Top { keep: false }
+                SetupStep::Finish { keep: false }
             }
         }
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let follower = &mut self.follower;
-        self.decoder.feed(bytes, &mut |record, _| follower.take(&record, at_ns, found));
+        self.decoder.feed(bytes, &mut |record, _| follower.push(&record, at_ns, found));
     }
 
     fn patience_ns(&self) -> i64 {

@@ -6,8 +6,8 @@
 //! the same bits.
 #![allow(unsafe_code, reason = "a function for processors with AVX2 is called where there is AVX2")]
 
+use super::format::{Matrix, Range};
 use super::luma::expand;
-use super::{Matrix, Range};
 
 /// Fractional bits of the coefficients: with 13, all fit in 16 bits, and their rounding error is
 /// below 2⁻⁵ of a level.

@@ -6,7 +6,10 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::{Colour, Refusal, Rows, colour};
+use super::colour;
+use super::format::Colour;
+use super::refusal::Refusal;
+use super::rows::Rows;
 
 /// Decodes frames and reuses its buffers.
 #[derive(Default)]

@@ -1,6 +1,6 @@
 //! Converts rows to grey.
 
-use super::{PixelFormat, Range};
+use super::format::{PixelFormat, Range};
 
 /// Expands limited range to full: 16 becomes 0 and 235 becomes 255, rounded to nearest; values
 /// outside are clipped.

@@ -2,7 +2,7 @@
 
 use super::super::GrabberSettings;
 use super::super::pixels::{Colour, PixelFormat};
-use super::setup::Trouble;
+use super::setup_error::SetupError;
 
 /// A video mode that a device can deliver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,14 +29,14 @@ const NEARLY: f64 = 0.998;
 /// come first, then the largest frame, then uncompressed formats, then the cheapest conversion.
 ///
 /// # Errors
-/// [`Trouble::Unfit`].
-pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Offer, Trouble> {
+/// [`SetupError::Unfit`].
+pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Offer, SetupError> {
     let fits = |offer: &&Offer| {
         settings.format.is_none_or(|format| format == offer.format)
             && settings.size.is_none_or(|size| size == offer.size)
             && (settings.format.is_some() || settings.colour == Colour::Grey || !offer.format.is_grey())
     };
-    let wanted = settings.rate_hz.unwrap_or(FLUENT) * NEARLY;
+    let least_hz = settings.rate_hz.unwrap_or(FLUENT) * NEARLY;
     let order = |format: PixelFormat| {
         let place = PixelFormat::ALL.iter().position(|&one| one == format).unwrap_or(usize::MAX);
         // Stored RGB gives better colour than formats that must be converted to it.
@@ -44,7 +44,7 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
     };
     let merit = |offer: &Offer| {
         let [width, height] = offer.size.map(u64::from);
-        let fluent = offer.rate().is_none_or(|rate| rate >= wanted);
+        let fluent = offer.rate().is_none_or(|rate| rate >= least_hz);
         let raw = offer.format != PixelFormat::Mjpg;
         (fluent, width * height, raw, std::cmp::Reverse(order(offer.format)))
     };
@@ -53,7 +53,7 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
         .filter(fits)
         .max_by_key(|offer| merit(offer))
         .copied()
-        .ok_or_else(|| Trouble::Unfit(refusal(offers, settings)))
+        .ok_or_else(|| SetupError::Unfit(refusal(offers, settings)))
 }
 
 fn refusal(offers: &[Offer], settings: &GrabberSettings) -> String {
@@ -127,6 +127,6 @@ mod tests {
             of(&GrabberSettings { size: Some([640, 480]), ..settings() }),
             "cannot be set up: it does not offer any format at 640×480; it offers YUYV 720×480, MJPG 1280×720"
         );
-        assert!(matches!(choose(&[], &settings()), Err(Trouble::Unfit(_))));
+        assert!(matches!(choose(&[], &settings()), Err(SetupError::Unfit(_))));
     }
 }

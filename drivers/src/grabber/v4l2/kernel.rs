@@ -332,8 +332,9 @@ impl Node {
 
     /// Subscribes to changes of the source. Few drivers support this.
     pub(crate) fn subscribe_source_change(&self, input: u32) -> io::Result<()> {
-        let mut wanted = abi::v4l2_event_subscription { type_: abi::V4L2_EVENT_SOURCE_CHANGE, id: input, ..zeroed() };
-        self.call(vidioc::VIDIOC_SUBSCRIBE_EVENT, &mut wanted)
+        let mut subscription =
+            abi::v4l2_event_subscription { type_: abi::V4L2_EVENT_SOURCE_CHANGE, id: input, ..zeroed() };
+        self.call(vidioc::VIDIOC_SUBSCRIBE_EVENT, &mut subscription)
     }
 
     /// Takes the oldest event; returns whether it is a change of the source.

@@ -3,9 +3,10 @@
 //! - [`kernel`]: the system calls.
 //! - [`stream`]: buffers shared with the kernel.
 //! - [`choose`]: choice of format, size and rate from the offers.
-//! - [`setup`]: sets input, standard or timings, format and rate.
+//! - [`setup`]: sets input, standard or timings, format and rate; [`setup_error`]: why it cannot.
 
 pub(crate) mod choose;
 pub(crate) mod kernel;
 pub(crate) mod setup;
+pub(crate) mod setup_error;
 pub(crate) mod stream;

@@ -3,10 +3,11 @@
 use std::io;
 
 use super::super::interlace::Order;
-use super::super::pixels::{Layout, Matrix, PixelFormat, Range, Refusal, name_of};
+use super::super::pixels::{Layout, Matrix, PixelFormat, Range, name_of};
 use super::super::{GrabberSettings, Standard};
 use super::choose::{Offer, choose};
 use super::kernel::{Format, Input, Node, Sizes, number};
+use super::setup_error::SetupError;
 
 /// The current settings of a device, and their meaning.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,30 +28,13 @@ impl Setup {
     }
 }
 
-/// Reason why a device cannot be opened; it follows the device's name.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum Trouble {
-    /// The kernel refused a call, with its purpose.
-    #[error("cannot be set up: {doing} failed: {source}")]
-    Refused { doing: &'static str, source: io::Error },
-    /// The device does not offer the settings.
-    #[error("cannot be set up: {0}")]
-    Unfit(String),
-    /// The device cannot be opened or used at all.
-    #[error("{0}")]
-    Unusable(String),
-    /// The video cannot be converted.
-    #[error(transparent)]
-    Layout(#[from] Refusal),
-}
-
 /// Adapts a kernel error for `map_err`.
-pub(crate) fn doing(doing: &'static str) -> impl Fn(io::Error) -> Trouble {
-    move |source| Trouble::Refused { doing, source }
+pub(crate) fn doing(doing: &'static str) -> impl Fn(io::Error) -> SetupError {
+    move |source| SetupError::Refused { doing, source }
 }
 
 /// Applies the settings to a node that does not stream.
-pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, Trouble> {
+pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, SetupError> {
     let input = choose_input(node, settings)?;
     let mut lines_525 = false;
     let mut rate_hz = None;
@@ -67,7 +51,7 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
     // The driver chooses the field order, because it knows its source.
     let format = node.set_format(offer.format.fourcc(), offer.size, 0).map_err(doing("setting the format"))?;
     if PixelFormat::from_fourcc(format.fourcc) != Some(offer.format) {
-        return Err(Trouble::Unfit(format!(
+        return Err(SetupError::Unfit(format!(
             "it offered {} and gives {}; choose another format",
             offer.format,
             name_of(format.fourcc)
@@ -75,7 +59,7 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
     }
     if settings.size.is_some_and(|size| size != format.size) {
         let [width, height] = format.size;
-        return Err(Trouble::Unfit(format!("it gives {width}×{height} instead of the requested size")));
+        return Err(SetupError::Unfit(format!("it gives {width}×{height} instead of the requested size")));
     }
     if let Some(rate) = set_rate(node, &offer, settings) {
         rate_hz = Some(rate);
@@ -89,16 +73,16 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
     })
 }
 
-fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>, Trouble> {
+fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>, SetupError> {
     let inputs = node.inputs();
-    let Some(wanted) = &settings.input else {
+    let Some(requested) = &settings.input else {
         let current = node.input().ok();
         return Ok(inputs.into_iter().find(|input| Some(input.index) == current));
     };
-    let is_it = |input: &&Input| input.name.eq_ignore_ascii_case(wanted) || input.index.to_string() == *wanted;
+    let is_it = |input: &&Input| input.name.eq_ignore_ascii_case(requested) || input.index.to_string() == *requested;
     let Some(input) = inputs.iter().find(is_it).cloned() else {
         let names: Vec<String> = inputs.iter().map(|input| format!("{} ({})", input.name, input.index)).collect();
-        return Err(Trouble::Unfit(format!("it has no input {wanted}; its inputs are {}", names.join(", "))));
+        return Err(SetupError::Unfit(format!("it has no input {requested}; its inputs are {}", names.join(", "))));
     };
     if node.input().ok() != Some(input.index) {
         node.set_input(input.index).map_err(doing("choosing the input"))?;
@@ -107,8 +91,8 @@ fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>
 }
 
 /// Sets the standard; returns whether the current standard has 525 lines.
-fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Result<bool, Trouble> {
-    let wanted = match settings.standard {
+fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Result<bool, SetupError> {
+    let requested = match settings.standard {
         Some(Standard::Ntsc) => number::STANDARD_NTSC,
         Some(Standard::Pal) => number::STANDARD_PAL,
         Some(Standard::Secam) => number::STANDARD_SECAM,
@@ -119,8 +103,8 @@ fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Resul
             if one_system { seen } else { 0 }
         }
     };
-    if wanted != 0 && node.standard().ok() != Some(wanted) {
-        node.set_standard(wanted).map_err(doing("setting the video standard"))?;
+    if requested != 0 && node.standard().ok() != Some(requested) {
+        node.set_standard(requested).map_err(doing("setting the video standard"))?;
     }
     let standard = node.standard().map_err(doing("reading the video standard"))?;
     Ok(standard & number::STANDARD_525 != 0)
@@ -128,7 +112,7 @@ fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Resul
 
 /// Applies the timings of the source; keeps the current ones if there is no source. Returns
 /// frames per second.
-fn set_timings(node: &Node) -> Result<Option<f64>, Trouble> {
+fn set_timings(node: &Node) -> Result<Option<f64>, SetupError> {
     let timings = match node.query_timings() {
         Ok(seen) => {
             node.set_timings(&seen).map_err(doing("setting the timings"))?;
@@ -179,8 +163,8 @@ fn set_rate(node: &Node, offer: &Offer, settings: &GrabberSettings) -> Option<f6
     if settable {
         // Frames per second, in thousandths. If no rate is requested, the highest: devices may
         // default to as little as five.
-        let wish = settings.rate_hz.map(|rate| [1000, (rate.clamp(0.1, 1000.0) * 1000.0).round() as u32]);
-        if let Some(interval) = wish.or(offer.interval) {
+        let interval = settings.rate_hz.map(|rate| [1000, (rate.clamp(0.1, 1000.0) * 1000.0).round() as u32]);
+        if let Some(interval) = interval.or(offer.interval) {
             // A driver that refuses keeps its own rate, which is read below.
             let _ = node.set_interval(interval);
         }

@@ -70,7 +70,7 @@ impl Stream {
 
     /// Passes the next filled buffer with its used bytes to `copy`, then returns it to the
     /// kernel. Returns `None` if no buffer is filled.
-    pub(crate) fn take<R>(&mut self, copy: impl FnOnce(&Filled, &[u8]) -> R) -> io::Result<Option<R>> {
+    pub(crate) fn read<R>(&mut self, copy: impl FnOnce(&Filled, &[u8]) -> R) -> io::Result<Option<R>> {
         self.give_back();
         let mut buffer = abi::v4l2_buffer { type_: CAPTURE, memory: MAPPED, ..zeroed() };
         match self.node.call(vidioc::VIDIOC_DQBUF, &mut buffer) {

@@ -66,7 +66,7 @@ mod tests {
     use sonoweave_core::clock::MS;
 
     /// Returns the results for a sequence of counts, 4 ms apart, at 250 frames per second.
-    fn said(counts: &[u32]) -> Vec<Counted> {
+    fn counted(counts: &[u32]) -> Vec<Counted> {
         let mut counter = Counter::default();
         counts.iter().zip(0..).map(|(count, n)| counter.count(*count, n * 4 * MS, 250.0)).collect()
     }
@@ -74,21 +74,24 @@ mod tests {
     #[test]
     fn gaps_across_wrap_are_counted() {
         use Counted::{First, Next};
-        assert_eq!(said(&[u32::MAX - 1, u32::MAX, 0, 1, 5, 6]), [First, Next(0), Next(0), Next(0), Next(3), Next(0)]);
+        assert_eq!(
+            counted(&[u32::MAX - 1, u32::MAX, 0, 1, 5, 6]),
+            [First, Next(0), Next(0), Next(0), Next(3), Next(0)]
+        );
     }
 
     #[test]
     fn corrupted_count_is_doubtful_then_missing() {
         use Counted::{Doubtful, First, Next};
-        assert_eq!(said(&[100, 101, 0x0100_0066, 103, 104]), [First, Next(0), Doubtful, Next(1), Next(0)]);
-        assert_eq!(said(&[100, 101, 101, 102]), [First, Next(0), Doubtful, Next(0)], "the same again is none");
+        assert_eq!(counted(&[100, 101, 0x0100_0066, 103, 104]), [First, Next(0), Doubtful, Next(1), Next(0)]);
+        assert_eq!(counted(&[100, 101, 101, 102]), [First, Next(0), Doubtful, Next(0)], "the same again is none");
     }
 
     #[test]
     fn new_sequence_is_accepted_at_second_count() {
         use Counted::{Doubtful, First, Next};
-        assert_eq!(said(&[5000, 5001, 700, 701, 702]), [First, Next(0), Doubtful, Next(1), Next(0)]);
-        assert_eq!(said(&[5000, 5001, 0, 1]), [First, Next(0), First, Next(0)], "from 0 at once");
+        assert_eq!(counted(&[5000, 5001, 700, 701, 702]), [First, Next(0), Doubtful, Next(1), Next(0)]);
+        assert_eq!(counted(&[5000, 5001, 0, 1]), [First, Next(0), First, Next(0)], "from 0 at once");
     }
 
     #[test]

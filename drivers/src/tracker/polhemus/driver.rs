@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
 
-use super::settings::Settings;
+use super::model::{Model, Port, TrackerSettings};
 use super::{Line, fastrak, isotrak, liberty, viper};
 use crate::Error;
 use crate::connection::{Connection, Protocol};
@@ -16,59 +16,6 @@ use crate::{Driver, Listing, OpenSettings};
 const BAUD: u32 = 115_200;
 /// USB vendor number of Polhemus.
 pub const VENDOR: u16 = 0x0f44;
-
-/// A tracker model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Model {
-    /// ISOTRAK, ISOTRAK II and 3SPACE.
-    Isotrak,
-    /// FASTRAK, and 3SPACE FASTRAK.
-    Fastrak,
-    /// LIBERTY, and Latus.
-    Liberty,
-    /// PATRIOT.
-    Patriot,
-    /// VIPER.
-    Viper,
-}
-
-impl Model {
-    /// All models that the driver can open.
-    pub const ALL: [Self; 5] = [Self::Isotrak, Self::Fastrak, Self::Liberty, Self::Patriot, Self::Viper];
-
-    /// Returns the name in settings.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Isotrak => "isotrak",
-            Self::Fastrak => "fastrak",
-            Self::Liberty => "liberty",
-            Self::Patriot => "patriot",
-            Self::Viper => "viper",
-        }
-    }
-
-    /// Returns the USB product numbers of units that wait for their firmware.
-    fn loaders(self) -> &'static [u16] {
-        match self {
-            Self::Isotrak | Self::Viper => &[],
-            Self::Fastrak => &[0x0001],
-            Self::Liberty => &[0xff11, 0xff21],
-            Self::Patriot => &[0xef11, 0xef21],
-        }
-    }
-
-    /// Returns the USB product numbers of running units.
-    fn products(self) -> &'static [u16] {
-        match self {
-            // Serial only.
-            Self::Isotrak => &[],
-            Self::Fastrak => &[0x0002, 0x0003],
-            Self::Liberty => &[0xff12, 0xff20],
-            Self::Patriot => &[0xef12, 0xef20],
-            Self::Viper => &[0xbf01],
-        }
-    }
-}
 
 /// Returns the model with this product number, and the fxload options if it is a loader that
 /// waits for firmware.
@@ -94,33 +41,6 @@ fn advice(name: &str, options: &str) -> String {
     format!(
         "{name} waits for its firmware, as after every plugging-in: start the maker's software, or run fxload {options} -s a3load.hex -D and its file in /dev/bus/usb, with the maker's files; it then comes back under another number"
     )
-}
-
-/// Connection to a tracker.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Port {
-    /// A serial line. Without a rate, the driver tries all rates of such units.
-    Serial {
-        /// Device file.
-        path: std::path::PathBuf,
-        /// Bits per second.
-        baud: Option<u32>,
-    },
-    /// USB; `None` if only one tracker is connected.
-    Usb(Option<String>),
-}
-
-/// Settings for opening a tracker.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TrackerSettings {
-    /// Model.
-    pub model: Model,
-    /// Connection.
-    pub port: Port,
-    /// Set-up of the unit.
-    pub settings: Settings,
-    /// Whether received bytes are also delivered as readings.
-    pub keeps_raw: bool,
 }
 
 /// Polhemus trackers.
@@ -211,6 +131,7 @@ fn listing(device: &nusb::DeviceInfo) -> Listing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tracker::polhemus::Settings;
 
     #[test]
     fn loaders_differ_from_running_units() {

@@ -16,10 +16,10 @@
 
 mod unit;
 
-pub use unit::{Question, Speech, Unit};
+pub use unit::{IsotrakProtocol, Question, Unit};
 
 use super::fastrak::reply::{self, Reply};
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 use crate::tracker::polhemus::ListError;
 
 /// Position, cm per count.
@@ -230,24 +230,24 @@ impl Isotrak {
     }
 
     #[inline]
-    fn judge_record(&mut self, window: &[u8]) -> Look<()> {
+    fn judge_record(&mut self, window: &[u8]) -> Parsed<()> {
         if window[0] != b'0' | 0x80 {
-            return Look::skip_byte(Refusal::Header);
+            return Parsed::skip_byte(Refusal::Header);
         }
         let inside = &window[1..window.len().min(self.layout.wire)];
         if inside.iter().fold(0, |marks, byte| marks | byte) & 0x80 != 0 {
             // The record is truncated where the next begins.
             let before = inside.iter().position(|byte| byte & 0x80 != 0).unwrap_or(0);
-            return Look::Skip { bytes: 1 + before, why: Refusal::Length };
+            return Parsed::Skip { bytes: 1 + before, why: Refusal::Length };
         }
         let Some(record) = window.get(..self.layout.wire) else {
-            return Look::Short;
+            return Parsed::Short;
         };
         match self.read(Unpacked { groups: record, bits: 0, count: 0 }) {
-            Some(Ok(())) => Look::Record { length: record.len(), record: () },
-            Some(Err(why)) => Look::skip_byte(why),
+            Some(Ok(())) => Parsed::Record { length: record.len(), record: () },
+            Some(Err(why)) => Parsed::skip_byte(why),
             // Cannot happen, because the layout determines the length.
-            None => Look::skip_byte(Refusal::Length),
+            None => Parsed::skip_byte(Refusal::Length),
         }
     }
 
@@ -321,7 +321,7 @@ impl Unpacked<'_> {
     }
 
     #[inline(always)]
-    fn take(&mut self, bits: u32) -> Option<u16> {
+    fn bits(&mut self, bits: u32) -> Option<u16> {
         if self.count < bits {
             self.refill();
         }
@@ -334,14 +334,14 @@ impl Unpacked<'_> {
     #[inline(always)]
     fn byte(&mut self) -> Option<u8> {
         // The upper half belongs to the next byte.
-        self.take(8).map(|value| value as u8)
+        self.bits(8).map(|value| value as u8)
     }
 
     #[inline(always)]
     fn counts<const N: usize>(&mut self) -> Option<[i16; N]> {
         let mut counts = [0; N];
         for count in &mut counts {
-            *count = self.take(16)?.cast_signed();
+            *count = self.bits(16)?.cast_signed();
         }
         Some(counts)
     }
@@ -373,11 +373,11 @@ impl Format for Isotrak {
     }
 
     #[inline]
-    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         match window[0] {
             0x80.. => self.judge_record(window).map(|()| Record::Pose(&self.pose)),
             b'2' => reply::judge(window, LONGEST_REPLY).map(Record::Reply),
-            _ => Look::skip_byte(Refusal::Noise),
+            _ => Parsed::skip_byte(Refusal::Noise),
         }
     }
 }

@@ -14,11 +14,13 @@ mod driver;
 pub mod fastrak;
 pub mod isotrak;
 pub mod liberty;
+mod model;
 mod settings;
 pub mod setup_sequence;
 pub mod viper;
 
-pub use driver::{Model, Port, TrackerDriver, TrackerSettings, VENDOR};
+pub use driver::{TrackerDriver, VENDOR};
+pub use model::{Model, Port, TrackerSettings};
 pub use settings::Settings;
 pub use setup_sequence::Line;
 

@@ -12,13 +12,13 @@ use sonoweave_core::Description;
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::reading::Reading;
 
-use crate::connection::{Lost, Met, Protocol, SetupStep};
+use crate::connection::{Lost, Protocol, SetupEvent, SetupStep};
 
 /// Silence after which a stopped unit counts as quiet, ns: two records of the slowest rate.
 const QUIET: i64 = 70 * MS;
 /// Time that a unit may take to become quiet, ns. It finishes its record, which takes 56 ms at
 /// 9600 bits per second for the longest usual one.
-const HUSHED: i64 = 250 * MS;
+const QUIET_WITHIN: i64 = 250 * MS;
 /// Time limit of the first answer, ns: a status takes 57 ms at 9600 bits per second.
 const PROBED: i64 = 150 * MS;
 /// Time limit of later answers, ns: two text records and a status take 135 ms at 9600 bits per
@@ -69,9 +69,9 @@ pub(super) fn fastest<R: Copy>(
 
 /// One set-up step.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Say<Q> {
+pub enum ScriptStep<Q> {
     /// Bytes to send, without an answer.
-    Tell(Vec<u8>),
+    Send(Vec<u8>),
     /// Bytes to send, with the question that they ask.
     Ask(Vec<u8>, Q),
 }
@@ -110,15 +110,15 @@ pub trait UnitProtocol: Send {
     fn probe(&self) -> (Vec<u8>, Self::Question);
     /// Returns the commands that set the unit up and read the settings back. `baud` is the rate
     /// of the first answer, `None` for USB.
-    fn script(&mut self, baud: Option<u32>) -> Vec<Say<Self::Question>>;
+    fn script(&mut self, baud: Option<u32>) -> Vec<ScriptStep<Self::Question>>;
     /// Takes bytes while a question is open.
-    fn hear(&mut self, bytes: &[u8], question: Self::Question) -> QuestionState;
+    fn judge_answer(&mut self, bytes: &[u8], question: Self::Question) -> QuestionState;
     /// Returns the bytes that start the stream, after set-up.
     fn stream(&mut self, baud: Option<u32>) -> Vec<u8>;
     /// Prepares to replay recorded bytes, which the unit sent after set-up with these settings.
     fn replay(&mut self);
-    /// See [`Protocol::take`].
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
+    /// See [`Protocol::decode`].
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
     /// See [`Protocol::farewell`].
     fn farewell(&self) -> &[u8];
     /// See [`Protocol::lost`].
@@ -132,10 +132,10 @@ pub trait UnitProtocol: Send {
 enum Step {
     /// The rate is set next, and the unit is stopped.
     Rate,
-    Hush,
-    Hushed,
+    Quieten,
+    Quietened,
     /// A question was sent; the first is the probe.
-    Asked,
+    Sent,
     /// The driver waits for an answer.
     Answer,
     /// The next command of the script follows.
@@ -147,28 +147,28 @@ enum Step {
 }
 
 /// A unit on a line.
-pub struct Tracker<D: UnitProtocol> {
-    dialect: D,
+pub struct Tracker<U: UnitProtocol> {
+    unit: U,
     line: Line,
     may_reset: bool,
     step: Step,
     /// The open question.
-    question: Option<D::Question>,
+    question: Option<U::Question>,
     /// Whether the unit has answered in this attempt.
     is_there: bool,
     /// Remaining set-up commands.
-    script: VecDeque<Say<D::Question>>,
+    script: VecDeque<ScriptStep<U::Question>>,
     /// Rates tried since the last answer.
     tried: usize,
     /// Rate of the last answer.
     found: Option<u32>,
 }
 
-impl<D: UnitProtocol> Tracker<D> {
+impl<U: UnitProtocol> Tracker<U> {
     /// Creates a unit of this model.
-    pub(super) fn of(dialect: D, line: Line, may_reset: bool) -> Self {
+    pub(super) fn of(unit: U, line: Line, may_reset: bool) -> Self {
         Self {
-            dialect,
+            unit,
             line,
             may_reset,
             step: Step::Rate,
@@ -186,19 +186,19 @@ impl<D: UnitProtocol> Tracker<D> {
             Line::Usb => None,
             Line::Serial(Some(baud)) => Some(baud),
             Line::Serial(None) => {
-                Some(self.found.filter(|_| self.tried < 2).unwrap_or(D::BAUDS[self.tried % D::BAUDS.len()]))
+                Some(self.found.filter(|_| self.tried < 2).unwrap_or(U::BAUDS[self.tried % U::BAUDS.len()]))
             }
         }
     }
 
     fn of_a_round(&self) -> usize {
-        if self.line == Line::Serial(None) { D::BAUDS.len() } else { 1 }
+        if self.line == Line::Serial(None) { U::BAUDS.len() } else { 1 }
     }
 
     /// Returns whether this attempt restarts the unit. Most attempts do not, because a unit that
     /// was only switched off answers sooner without a restart.
     fn restarts(&self) -> bool {
-        let Some(rounds) = D::RESTARTS.filter(|_| self.may_reset) else { return false };
+        let Some(rounds) = U::RESTARTS.filter(|_| self.may_reset) else { return false };
         let rounds = rounds[usize::from(self.line == Line::Serial(None))];
         (self.tried / self.of_a_round()) % rounds == rounds - 1
     }
@@ -208,60 +208,60 @@ impl<D: UnitProtocol> Tracker<D> {
         self.tried += 1;
         if !self.tried.is_multiple_of(self.of_a_round()) {
             self.step = Step::Rate;
-            return self.climb(Met::Begin);
+            return self.next_step(SetupEvent::Begin);
         }
         let at = match self.line {
             Line::Usb => String::new(),
             Line::Serial(Some(baud)) => format!(" at {baud} bits a second"),
             Line::Serial(None) => {
-                let bauds: Vec<String> = D::BAUDS.iter().map(|baud| baud.to_string()).collect();
+                let bauds: Vec<String> = U::BAUDS.iter().map(|baud| baud.to_string()).collect();
                 format!(" at {} bits a second", bauds.join(", "))
             }
         };
         let cable = match self.line {
             Line::Usb => String::new(),
-            Line::Serial(_) => format!(" (null modem), and the rate of its switches{}", D::SERIAL_ADVICE),
+            Line::Serial(_) => format!(" (null modem), and the rate of its switches{}", U::SERIAL_ADVICE),
         };
-        self.fall(format!("{why}{at}; check that the unit is switched on, and its cable{cable}"))
+        self.fail(format!("{why}{at}; check that the unit is switched on, and its cable{cable}"))
     }
 
-    fn fall(&mut self, why: String) -> SetupStep {
+    fn fail(&mut self, why: String) -> SetupStep {
         self.step = Step::Rate;
-        SetupStep::Fall(why)
+        SetupStep::Fail(why)
     }
 
-    fn ask(&mut self, bytes: Vec<u8>, question: D::Question) -> SetupStep {
-        self.dialect.listen();
-        (self.step, self.question) = (Step::Asked, Some(question));
+    fn ask(&mut self, bytes: Vec<u8>, question: U::Question) -> SetupStep {
+        self.unit.listen();
+        (self.step, self.question) = (Step::Sent, Some(question));
         SetupStep::Send(bytes)
     }
 
     /// Sends the next command of the script; starts the stream at its end.
     fn go_on(&mut self) -> SetupStep {
         match self.script.pop_front() {
-            Some(Say::Tell(bytes)) => {
+            Some(ScriptStep::Send(bytes)) => {
                 self.step = Step::Script;
                 SetupStep::Send(bytes)
             }
-            Some(Say::Ask(bytes, question)) => self.ask(bytes, question),
+            Some(ScriptStep::Ask(bytes, question)) => self.ask(bytes, question),
             None => self.start(1),
         }
     }
 
     fn start(&mut self, times: usize) -> SetupStep {
         self.step = Step::Start(times);
-        SetupStep::Send(self.dialect.stream(self.baud()))
+        SetupStep::Send(self.unit.stream(self.baud()))
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> SetupStep {
+    fn judge_answer(&mut self, bytes: &[u8]) -> SetupStep {
         let Some(question) = self.question else { return SetupStep::More };
-        match self.dialect.hear(bytes, question) {
+        match self.unit.judge_answer(bytes, question) {
             QuestionState::Nothing => SetupStep::More,
-            QuestionState::Bad(why) => self.fall(why),
+            QuestionState::Bad(why) => self.fail(why),
             QuestionState::Good => {
                 if !self.is_there {
                     (self.is_there, self.found, self.tried) = (true, self.baud(), 0);
-                    self.script = self.dialect.script(self.baud()).into();
+                    self.script = self.unit.script(self.baud()).into();
                 }
                 self.go_on()
             }
@@ -269,59 +269,59 @@ impl<D: UnitProtocol> Tracker<D> {
     }
 }
 
-impl<D: UnitProtocol> Protocol for Tracker<D> {
+impl<U: UnitProtocol> Protocol for Tracker<U> {
     fn reset(&mut self) {
-        self.dialect.forget();
+        self.unit.forget();
         (self.step, self.question, self.is_there) = (Step::Rate, None, false);
     }
 
     fn resume(&mut self) {
-        self.dialect.replay();
+        self.unit.replay();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> SetupStep {
-        match (self.step, met) {
+    fn next_step(&mut self, event: SetupEvent<'_>) -> SetupStep {
+        match (self.step, event) {
             (Step::Rate, _) => {
                 self.is_there = false;
-                self.step = Step::Hush;
+                self.step = Step::Quieten;
                 match self.baud() {
                     Some(baud) => SetupStep::Baud(baud),
-                    None => self.climb(Met::Done),
+                    None => self.next_step(SetupEvent::Done),
                 }
             }
-            (Step::Hush, _) => {
-                self.step = Step::Hushed;
+            (Step::Quieten, _) => {
+                self.step = Step::Quietened;
                 // A restarted unit is probed as usual: it answers when it is ready.
-                SetupStep::Send(self.dialect.quieten(self.tried > 0, self.restarts()))
+                SetupStep::Send(self.unit.quieten(self.tried > 0, self.restarts()))
             }
-            (Step::Hushed, Met::Done) => SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED },
-            (Step::Hushed, Met::Noisy) => self.next_rate("does not stop sending"),
-            (Step::Hushed, _) => {
-                let (bytes, question) = self.dialect.probe();
+            (Step::Quietened, SetupEvent::Done) => SetupStep::AwaitQuiet { quiet_ns: QUIET, at_most_ns: QUIET_WITHIN },
+            (Step::Quietened, SetupEvent::Noisy) => self.next_rate("does not stop sending"),
+            (Step::Quietened, _) => {
+                let (bytes, question) = self.unit.probe();
                 self.ask(bytes, question)
             }
-            (Step::Asked, _) => {
+            (Step::Sent, _) => {
                 self.step = Step::Answer;
                 SetupStep::Listen(if self.is_there { ANSWER } else { PROBED })
             }
-            (Step::Answer, Met::Heard(bytes)) => self.hear(bytes),
+            (Step::Answer, SetupEvent::Received(bytes)) => self.judge_answer(bytes),
             (Step::Answer, _) if !self.is_there => self.next_rate("does not answer"),
-            (Step::Answer, _) => self.fall("stopped answering; check its cable".into()),
+            (Step::Answer, _) => self.fail("stopped answering; check its cable".into()),
             (Step::Script, _) => self.go_on(),
             (Step::Start(times), _) => {
                 self.step = Step::First(times);
                 SetupStep::Listen(FIRST)
             }
-            (Step::First(_), Met::Heard(_)) => SetupStep::Top { keep: true },
+            (Step::First(_), SetupEvent::Received(_)) => SetupStep::Finish { keep: true },
             (Step::First(times), _) if times < STARTS => self.start(times + 1),
-            (Step::First(_), _) => self.fall(
+            (Step::First(_), _) => self.fail(
                 "was set up but sends no records; check that its transmitter and its sensors are plugged in, and switch it off and on".into(),
             ),
         }
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
-        self.dialect.take(bytes, at_ns, found);
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+        self.unit.decode(bytes, at_ns, found);
     }
 
     fn patience_ns(&self) -> i64 {
@@ -329,14 +329,14 @@ impl<D: UnitProtocol> Protocol for Tracker<D> {
     }
 
     fn farewell(&self) -> &[u8] {
-        self.dialect.farewell()
+        self.unit.farewell()
     }
 
     fn lost(&self) -> Lost {
-        self.dialect.lost()
+        self.unit.lost()
     }
 
     fn describe(&self) -> &Description {
-        self.dialect.describe()
+        self.unit.describe()
     }
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 
 use drivers::arm::Settings as ArmSettings;
-use drivers::arm::ea1::Speech::{self, BareNumbers, Lines};
+use drivers::arm::ea1::SampleFormat::{self, BareNumbers, Lines};
 use drivers::arm::microscribe::Family;
 use drivers::grabber::pixels::{Colour, Matrix, PixelFormat, Range};
 use drivers::grabber::{GrabberSettings, Interlace, Standard};
@@ -106,7 +106,7 @@ pub(crate) struct Arm {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArmKind {
     /// One with protocol EA1, or lines of bare numbers.
-    Ea1(Speech),
+    Ea1(SampleFormat),
     /// Three QSBs.
     Qsb,
     /// A MicroScribe or an Immersion box with this number of encoders.

@@ -19,17 +19,17 @@ impl Moving {
     fn new(size: [u32; 2]) -> Self {
         let session = Session::new();
         let ends = Arc::new(AtomicBool::new(false));
-        let (screen, told) = (Arc::clone(&session.screen), Arc::clone(&ends));
+        let (broadcaster, reported) = (Arc::clone(&session.broadcaster), Arc::clone(&ends));
         let pixels: Arc<[u8]> = vec![7; (size[0] * size[1]) as usize].into();
         let scanner = std::thread::spawn(move || {
             let image = Image::new(size[0], size[1], Pixels::U8(pixels));
             let mut longest = Duration::ZERO;
             for item in 0.. {
-                if told.load(Ordering::Relaxed) {
+                if reported.load(Ordering::Relaxed) {
                     break;
                 }
                 let begun = Instant::now();
-                screen.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
+                broadcaster.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
                 longest = longest.max(begun.elapsed());
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -43,7 +43,7 @@ impl Moving {
     }
 
     /// Opens a page that views the B-mode image.
-    fn looks(&self) -> Client {
+    fn views(&self) -> Client {
         let mut page = self.session.page();
         page.say(&json!({ "do": "show", "slice": true, "view": false }));
         sees(&mut page, 1);
@@ -86,13 +86,13 @@ fn sees(page: &mut Client, count: u32) -> Duration {
 #[test]
 fn idle_and_slow_connections_do_not_block_pages() {
     let moving = Moving::new([64, 48]);
-    let mut page = moving.looks();
+    let mut page = moving.views();
     // Three times as many as there are slots; a third of them send a letter of a request from
     // time to time.
     let mut many: Vec<TcpStream> = (0..400).map(|_| TcpStream::connect(moving.session.address()).unwrap()).collect();
-    let said = Arc::new(AtomicBool::new(false));
+    let sentence = Arc::new(AtomicBool::new(false));
     let slow = std::thread::spawn({
-        let ends = Arc::clone(&said);
+        let ends = Arc::clone(&sentence);
         let mut slow = many.split_off(270);
         move || {
             for letter in "GET /status HTTP/1.1\r\nx: ".bytes().chain(std::iter::repeat(b'y')) {
@@ -108,13 +108,13 @@ fn idle_and_slow_connections_do_not_block_pages() {
     let took = sees(&mut page, 50);
     assert!(took < Duration::from_secs(10), "{took:?}");
     let begun = Instant::now();
-    let mut late = moving.looks();
+    let mut late = moving.views();
     let took = begun.elapsed();
     assert!(took < Duration::from_secs(15), "{took:?}");
     sees(&mut late, 10);
-    until("those beyond the places gave way", || Counts::of(&moving.counts().gave_way) >= 200);
+    until("those beyond the places gave way", || Counts::of(&moving.counts().evictions) >= 200);
     // When no other client comes, none of them stays for good.
-    said.store(true, Ordering::Relaxed);
+    sentence.store(true, Ordering::Relaxed);
     slow.join().unwrap();
     for stream in &mut many {
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -128,7 +128,7 @@ fn idle_and_slow_connections_do_not_block_pages() {
 #[test]
 fn invalid_data_and_floods_end_and_good_pages_continue() {
     let moving = Moving::new([64, 48]);
-    let mut page = moving.looks();
+    let mut page = moving.views();
     let address = moving.session.address();
     let long = format!("GET / HTTP/1.1\r\nhost: localhost\r\nx: {}\r\n\r\n", "y".repeat(64 << 10));
     let garbage: [&[u8]; 5] = [
@@ -143,10 +143,10 @@ fn invalid_data_and_floods_end_and_good_pages_continue() {
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         // The server may disconnect before everything is sent.
         let _ = stream.write_all(bytes);
-        let mut said = Vec::new();
-        let ended = stream.read_to_end(&mut said);
+        let mut sentence = Vec::new();
+        let ended = stream.read_to_end(&mut sentence);
         assert!(!matches!(&ended, Err(error) if error.kind() == std::io::ErrorKind::WouldBlock), "{ended:?}");
-        assert!(!String::from_utf8_lossy(&said).contains("200 OK"), "{said:?}");
+        assert!(!String::from_utf8_lossy(&sentence).contains("200 OK"), "{sentence:?}");
     }
     // A client that sends requests without end and never reads, and pages that send more than a
     // user can.
@@ -170,8 +170,8 @@ fn invalid_data_and_floods_end_and_good_pages_continue() {
         let mut stream = moving.upgraded();
         stream.write_all(frame).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        let mut said = Vec::new();
-        let ended = stream.read_to_end(&mut said);
+        let mut sentence = Vec::new();
+        let ended = stream.read_to_end(&mut sentence);
         assert!(!matches!(&ended, Err(error) if error.kind() == std::io::ErrorKind::WouldBlock), "{ended:?}");
     }
     let took = sees(&mut page, 20);
@@ -182,7 +182,7 @@ fn invalid_data_and_floods_end_and_good_pages_continue() {
 #[test]
 fn stuck_pages_are_disconnected_and_free_their_slots() {
     let moving = Moving::new([1600, 1200]);
-    let mut page = moving.looks();
+    let mut page = moving.views();
     // One reads a byte per second, one reads nothing, and one has no subscription and answers
     // no pings. Each sends its command in a frame masked with zeros.
     let show = |stream: &mut TcpStream, text: &str| {

@@ -3,12 +3,12 @@
 use super::*;
 
 /// Opens a page that views the B-mode image, frame 0.
-fn looking(session: &Session) -> Client {
+fn viewing(session: &Session) -> Client {
     let mut page = session.page();
     page.say(&json!({ "do": "show", "slice": true, "view": false }));
     until("it looks", || {
         session.shows(0);
-        session.screen.made(Kind::Slice) > 0
+        session.broadcaster.made(Kind::Slice) > 0
     });
     page
 }
@@ -17,15 +17,15 @@ fn looking(session: &Session) -> Client {
 fn slow_pages_get_shared_jpegs_until_fast_again() {
     let session = Session::new();
     let mut pages = [session.page(), session.page(), session.page()];
-    let look = json!({ "do": "show", "slice": true, "view": false });
-    pages.iter_mut().for_each(|page| page.say(&look));
+    let subscription = json!({ "do": "show", "slice": true, "view": false });
+    pages.iter_mut().for_each(|page| page.say(&subscription));
     let mut shown = 0;
     // Sends a picture to all pages. The first answers at once, the others after `late` ms.
     let mut round = |late: u64| {
         shown += 1;
         until("all look", || {
             session.shows(shown);
-            session.screen.made(Kind::Slice) > 0
+            session.broadcaster.made(Kind::Slice) > 0
         });
         let pictures = pages.each_mut().map(Client::picture);
         for (n, (page, picture)) in pages.iter_mut().zip(&pictures).enumerate() {
@@ -58,7 +58,7 @@ fn slow_pages_get_shared_jpegs_until_fast_again() {
 #[test]
 fn last_jpeg_is_followed_by_lossless_picture() {
     let session = Session::new();
-    let mut page = looking(&session);
+    let mut page = viewing(&session);
     let mut shown = 0;
     let mut next = |page: &mut Client, late: u64| {
         let picture = page.picture();
@@ -86,7 +86,7 @@ fn last_jpeg_is_followed_by_lossless_picture() {
 #[test]
 fn page_slow_by_itself_gets_lossless_pictures() {
     let session = Session::new();
-    let mut page = looking(&session);
+    let mut page = viewing(&session);
     // The page had the picture for most of the 200 ms: decoding a JPEG would make it slower
     // still.
     for shown in 1..10 {
@@ -103,7 +103,7 @@ fn page_slow_by_itself_gets_lossless_pictures() {
 #[test]
 fn slow_line_is_probed_and_static_picture_sent_lossless() {
     let session = Session::new();
-    let mut page = looking(&session);
+    let mut page = viewing(&session);
     let mut answered = |late: u64| {
         let picture = page.picture();
         std::thread::sleep(Duration::from_millis(late));

@@ -6,9 +6,9 @@ use super::*;
 fn inactive_pages_only_are_replaced_by_new_ones() {
     let session = Session::patient_for(Duration::from_millis(50));
     let mut steers = session.page();
-    let mut looks = session.page();
-    looks.say(&json!({ "do": "show", "slice": true, "view": false }));
-    until("somebody looks", || session.screen.is_looked_at(Kind::Slice));
+    let mut views = session.page();
+    views.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("somebody looks", || session.broadcaster.is_viewed(Kind::Slice));
     let mut resting: Vec<Client> = (0..6).map(|_| session.page()).collect();
     std::thread::sleep(Duration::from_millis(100));
     // All slots are taken, and each new page still gets one.
@@ -20,12 +20,12 @@ fn inactive_pages_only_are_replaced_by_new_ones() {
             page
         })
         .collect();
-    assert_eq!(Counts::of(&session.console.counts().gave_way), 6);
+    assert_eq!(Counts::of(&session.console.counts().evictions), 6);
     assert!(resting.iter_mut().all(ends), "those that rested gave way");
     let stream = TcpStream::connect(session.address()).unwrap();
     let request = format!("ws://{}/v1/stream", session.address()).into_client_request().unwrap();
     assert!(tungstenite::client(request, stream).unwrap_err().to_string().contains("503"), "the others look, or steer");
-    for page in newcomers.iter_mut().chain([&mut looks, &mut steers]) {
+    for page in newcomers.iter_mut().chain([&mut views, &mut steers]) {
         page.word("account");
     }
 }

@@ -9,7 +9,7 @@ use render::section::{Box3, Sampled};
 use sonoweave_core::frames::Transform;
 
 use super::*;
-use crate::style::Ground;
+use crate::style::ConfiguredStyle;
 
 const RANGE: [f32; 2] = [0.0, 255.0];
 
@@ -20,16 +20,16 @@ fn extent() -> Extent {
     Extent { place, voxel_mm: 0.5, grey_levels: RANGE }
 }
 
-fn ground() -> Ground {
+fn ground() -> ConfiguredStyle {
     let transfer = Transfer::preset("tissue", [0.0, 255.0]).unwrap();
-    Ground { transfer, name: "tissue".into(), range: RANGE, heeded: true }
+    ConfiguredStyle { transfer, name: "tissue".into(), range: RANGE, uses_opacities: true }
 }
 
 /// Opens a page that views planes.
-fn looking(session: &Session) -> Client {
+fn viewing(session: &Session) -> Client {
     let mut page = session.page();
     page.say(&json!({ "do": "show", "slice": false, "view": false, "planes": true }));
-    until("planes are looked at", || session.screen.is_watched_in_planes());
+    until("planes are looked at", || session.broadcaster.is_watched_in_planes());
     page
 }
 
@@ -42,14 +42,14 @@ impl FrameBroadcaster {
 /// Publishes the requested planes; half of each is seen.
 fn cut(session: &Session, slices: u64) -> Vec<PlaneRequest> {
     let extent = extent();
-    let wanted = session.screen.wants(&extent);
-    for wanted in &wanted {
+    let requested = session.broadcaster.wants(&extent);
+    for requested in &requested {
         let seen = Sampled { value: 100.0, weight: 1.0, share: 1.0 };
-        let pixels = wanted.section.pixels();
+        let pixels = requested.section.pixels();
         let sampled: Vec<Sampled> = (0..pixels).map(|n| if n < pixels / 2 { seen } else { Sampled::UNSEEN }).collect();
-        let (wanted, work) = (*wanted, CutWork::default());
-        session.screen.cut(&PlaneImage {
-            wanted,
+        let (requested, work) = (*requested, CutWork::default());
+        session.broadcaster.cut(&PlaneImage {
+            wanted: requested,
             extent,
             sampled: &sampled,
             slices,
@@ -58,7 +58,7 @@ fn cut(session: &Session, slices: u64) -> Vec<PlaneRequest> {
             work,
         });
     }
-    wanted
+    requested
 }
 
 #[test]
@@ -67,58 +67,61 @@ fn planes_are_made_for_subscribers_and_sent_with_position() {
     let mut page = session.page();
     // The command without the field for planes, as older pages send it.
     page.say(&json!({ "do": "show", "slice": true, "view": true }));
-    until("somebody looks", || session.screen.is_watched());
-    assert!(!session.screen.is_watched_in_planes() && cut(&session, 1).is_empty());
+    until("somebody looks", || session.broadcaster.is_watched());
+    assert!(!session.broadcaster.is_watched_in_planes() && cut(&session, 1).is_empty());
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));
     // Kinds are subscribed one by one, the free plane last.
-    until("planes are looked at", || session.screen.is_looked_at(Kind::Free));
-    let wanted = cut(&session, 7);
-    assert_eq!(wanted.len(), 4);
-    let mut came = Vec::new();
+    until("planes are looked at", || session.broadcaster.is_viewed(Kind::Free));
+    let requested = cut(&session, 7);
+    assert_eq!(requested.len(), 4);
+    let mut arrived = Vec::new();
     for _ in 0..4 {
         // They arrive in any order, each after its description.
-        let told = page.word("plane");
+        let reported = page.word("plane");
         let picture = page.picture();
         let kind = picture[0];
-        came.push(kind);
-        let wanted = &wanted[usize::from(kind) - 3];
-        assert_eq!(wanted.number, usize::from(kind) - 3);
+        arrived.push(kind);
+        let requested = &requested[usize::from(kind) - 3];
+        assert_eq!(requested.number, usize::from(kind) - 3);
         assert_eq!((picture[0], picture[1], sequence(&picture), item(&picture)), (kind, 1, 1, 4));
-        assert_eq!((&told["kind"], &told["sequence"], &told["slices"]), (&json!(kind), &json!(1), &json!(7)));
-        assert_eq!(told["origin"], json!(wanted.section.first.to_array()));
-        assert_eq!(told["right"], json!(wanted.section.right.to_array()));
-        assert_eq!(told["down"], json!(wanted.section.down.to_array()));
-        assert_eq!(told["size"], json!(wanted.section.size));
-        assert_eq!(told["histogram"].as_array().unwrap()[25], json!(wanted.section.pixels() / 2));
+        assert_eq!(
+            (&reported["kind"], &reported["sequence"], &reported["slices"]),
+            (&json!(kind), &json!(1), &json!(7))
+        );
+        assert_eq!(reported["origin"], json!(requested.section.first.to_array()));
+        assert_eq!(reported["right"], json!(requested.section.right.to_array()));
+        assert_eq!(reported["down"], json!(requested.section.down.to_array()));
+        assert_eq!(reported["size"], json!(requested.section.size));
+        assert_eq!(reported["histogram"].as_array().unwrap()[25], json!(requested.section.pixels() / 2));
         let pixels = &picture[40..];
-        assert_eq!(pixels.len(), 3 * wanted.section.pixels());
+        assert_eq!(pixels.len(), 3 * requested.section.pixels());
         assert_eq!(pixels[..3], [100; 3]);
         let last = &pixels[pixels.len() - 3..];
         assert!(last[2] > last[0], "not seen: {last:?}");
         page.say(&json!({ "do": "shown", "kind": kind, "sequence": 1 }));
     }
-    came.sort_unstable();
-    assert_eq!(came, [3, 4, 5, 6]);
+    arrived.sort_unstable();
+    assert_eq!(arrived, [3, 4, 5, 6]);
     // The volume is replaced by one in which nothing was seen.
-    session.screen.nothing("no voxel was seen yet");
-    let told = page.word("plane");
-    assert_eq!((&told["none"], &told["sequence"]), (&json!("no voxel was seen yet"), &json!(2)));
+    session.broadcaster.nothing("no voxel was seen yet");
+    let reported = page.word("plane");
+    assert_eq!((&reported["none"], &reported["sequence"]), (&json!("no voxel was seen yet"), &json!(2)));
     (0..4).for_each(|_| assert_eq!(page.picture().len(), 43));
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": false }));
-    until("nobody looks at planes any more", || !session.screen.is_watched_in_planes());
-    let made = session.screen.made(Kind::Free);
-    session.screen.nothing("no voxel was seen yet");
-    assert_eq!((cut(&session, 8).len(), session.screen.made(Kind::Free)), (0, made));
+    until("nobody looks at planes any more", || !session.broadcaster.is_watched_in_planes());
+    let made = session.broadcaster.made(Kind::Free);
+    session.broadcaster.nothing("no voxel was seen yet");
+    assert_eq!((cut(&session, 8).len(), session.broadcaster.made(Kind::Free)), (0, made));
     // A page that subscribes again gets no outdated picture.
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));
-    until("planes are looked at again", || session.screen.is_watched_in_planes());
+    until("planes are looked at again", || session.broadcaster.is_watched_in_planes());
     assert_eq!(page.for_a_while(), 0);
 }
 
 #[test]
 fn only_page_in_control_moves_planes_and_window() {
     let session = Session::new();
-    let mut first = looking(&session);
+    let mut first = viewing(&session);
     let mut second = session.page();
     let before = cut(&session, 1);
     let middle = extent().place.middle();
@@ -133,8 +136,8 @@ fn only_page_in_control_moves_planes_and_window() {
         second.say(&message);
         assert!(second.word("refused").as_str().unwrap().contains("take over control"), "{message}");
     }
-    assert_eq!(session.screen.wants(&extent()), before);
-    for (message, says) in [
+    assert_eq!(session.broadcaster.wants(&extent()), before);
+    for (message, expected) in [
         (json!({ "do": "cross", "at": [1e9, 0.0, 0.0] }), "outside the volume"),
         (json!({ "do": "cross", "at": [1.0, 2.0] }), "not a valid command"),
         (json!({ "do": "tilt", "right": 1e4, "up": 0.0, "clockwise": 0.0 }), "360°"),
@@ -144,19 +147,19 @@ fn only_page_in_control_moves_planes_and_window() {
     ] {
         first.say(&message);
         let refused = first.word("refused");
-        assert!(refused.as_str().unwrap().contains(says), "{message}: {refused}");
-        assert_eq!(session.screen.wants(&extent()), before, "{message}");
+        assert!(refused.as_str().unwrap().contains(expected), "{message}: {refused}");
+        assert_eq!(session.broadcaster.wants(&extent()), before, "{message}");
     }
     first.say(&cross);
-    until("the plane across z moves", || session.screen.wants(&extent())[0] != before[0]);
-    let after = session.screen.wants(&extent());
+    until("the plane across z moves", || session.broadcaster.wants(&extent())[0] != before[0]);
+    let after = session.broadcaster.wants(&extent());
     assert_eq!(after[1..], before[1..], "the others hold the way that it went");
     first.say(&json!({ "do": "tilt", "right": 30.0, "up": 0.0, "clockwise": 0.0 }));
-    until("the free one turns", || session.screen.wants(&extent())[3] != after[3]);
+    until("the free one turns", || session.broadcaster.wants(&extent())[3] != after[3]);
     first.say(&json!({ "do": "reset", "of": "planes" }));
-    until("all are as they were", || session.screen.wants(&extent()) == before);
+    until("all are as they were", || session.broadcaster.wants(&extent()) == before);
     first.say(&json!({ "do": "window", "black": 50.0, "white": 150.0 }));
-    until("they look otherwise", || session.screen.wants(&extent())[0].look != before[0].look);
+    until("they look otherwise", || session.broadcaster.wants(&extent())[0].look != before[0].look);
     first.pictures.clear();
     cut(&session, 2);
     // The grey values of the window, and the window itself.
@@ -166,34 +169,34 @@ fn only_page_in_control_moves_planes_and_window() {
     }
     until("its picture comes", || first.picture()[40..43] == [128; 3]);
     first.say(&json!({ "do": "reset", "of": "window" }));
-    until("as configured", || session.screen.wants(&extent())[0].look > before[0].look + 1);
+    until("as configured", || session.broadcaster.wants(&extent())[0].look > before[0].look + 1);
 }
 
 #[test]
 fn page_in_control_sets_style_and_all_pages_receive_it() {
     let session = Session::new();
-    session.screen.ground(ground());
+    session.broadcaster.configure(ground());
     let mut first = session.page();
     let mut second = session.page();
     let worn = || {
         let mut settings = RenderSettings::new([8, 8], ground().transfer);
-        session.screen.put_on(&mut settings);
+        session.broadcaster.apply_style(&mut settings);
         settings.transfer
     };
     for page in [&mut first, &mut second] {
-        let told = page.word("dress");
-        assert_eq!((&told["preset"], &told["configured"]), (&Value::Null, &json!("tissue")));
-        assert_eq!(told["presets"].as_array().unwrap().len(), Transfer::PRESETS.len());
+        let reported = page.word("dress");
+        assert_eq!((&reported["preset"], &reported["configured"]), (&Value::Null, &json!("tissue")));
+        assert_eq!(reported["presets"].as_array().unwrap().len(), Transfer::PRESETS.len());
     }
-    assert_eq!(session.screen.dressing(), 0);
+    assert_eq!(session.broadcaster.style_number(), 0);
     first.say(&json!({ "do": "transfer", "preset": "bone" }));
     for page in [&mut first, &mut second] {
         assert_eq!(page.word("dress")["preset"], "bone");
     }
     assert_eq!(worn(), Transfer::preset("bone", [0.0, 255.0]).unwrap());
-    let number = session.screen.dressing();
+    let number = session.broadcaster.style_number();
     assert_ne!(number, 0);
-    for (message, says) in [
+    for (message, expected) in [
         (json!({ "do": "transfer", "preset": "velvet" }), "velvet"),
         (json!({ "do": "transfer", "points": [[20.0, 0.5], [10.0, 0.5]] }), "after a point at 20"),
         (json!({ "do": "transfer", "points": [[20.0, 2.0]] }), "from 0 to 1"),
@@ -201,13 +204,13 @@ fn page_in_control_sets_style_and_all_pages_receive_it() {
     ] {
         first.say(&message);
         let refused = first.word("refused");
-        assert!(refused.as_str().unwrap().contains(says), "{message}: {refused}");
-        assert_eq!(session.screen.dressing(), number, "{message}");
+        assert!(refused.as_str().unwrap().contains(expected), "{message}: {refused}");
+        assert_eq!(session.broadcaster.style_number(), number, "{message}");
     }
     first.say(&json!({ "do": "transfer", "preset": "bone", "points": [[20.0, 0.0], [200.0, 0.9]] }));
     assert_eq!(second.word("dress")["points"], json!([[20.0, 0.0], [200.0, 0.9]]));
-    assert_ne!(session.screen.dressing(), number);
+    assert_ne!(session.broadcaster.style_number(), number);
     first.say(&json!({ "do": "transfer" }));
     assert_eq!(second.word("dress")["preset"], Value::Null);
-    assert_eq!((session.screen.dressing(), worn()), (0, ground().transfer));
+    assert_eq!((session.broadcaster.style_number(), worn()), (0, ground().transfer));
 }

@@ -160,7 +160,7 @@ fn in_process(kind: &str, held: &Arc<BedsideArm>) -> (Box<dyn Device>, Manual) {
     let device: Box<dyn Device> = match kind {
         "EA1" => {
             let twin = simulated::ea1::Twin::new(held.joints(), Faults::default());
-            let unit = ea1::Unit::new("a line", settings, ea1::Speech::Blocks).unwrap();
+            let unit = ea1::Unit::new("a line", settings, ea1::SampleFormat::Blocks).unwrap();
             Box::new(Connection::new(opener(twin, &clock), shared(), unit, false))
         }
         "QSB" => {
@@ -239,7 +239,7 @@ fn driver_reads_arm_on_terminal_and_finds_probe() {
     (left.rate_hz, left.homed) = (100, 7);
     left.set_clock(begin, 0);
     let pty = Pty::run(Arc::new(Mutex::new(left))).unwrap();
-    let model = Model::Ea1 { path: pty.path().into(), speech: ea1::Speech::Blocks };
+    let model = Model::Ea1 { path: pty.path().into(), format: ea1::SampleFormat::Blocks };
     let settings = OpenSettings::Arm(ArmSettings { model, settings: Settings::default(), keeps_raw: false });
     let mut device = drivers::open(&settings).unwrap();
     device.start().unwrap();

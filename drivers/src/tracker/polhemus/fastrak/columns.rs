@@ -1,7 +1,8 @@
 //! Reads the items of one record, as text in columns or as numbers.
 
+use super::limits::FARTHEST;
 use super::list::{Item, Layout, Mode};
-use super::{FARTHEST, Pose};
+use super::pose::Pose;
 use crate::framing::Refusal;
 use crate::numerals;
 
@@ -52,7 +53,7 @@ impl<const BINARY: bool> Reader<'_, BINARY> {
             Item::Cosines(row) => pose.cosines[usize::from(row)] = Some(self.unit(extended)?),
             Item::Quaternion => pose.quaternion_wxyz = Some(self.unit(extended)?),
             Item::Stylus => {
-                let switch: [u8; 2] = self.take()?;
+                let switch: [u8; 2] = self.bytes()?;
                 if switch[0] != b' ' || !switch[1].is_ascii_digit() {
                     return Err(Refusal::Field);
                 }
@@ -66,7 +67,7 @@ impl<const BINARY: bool> Reader<'_, BINARY> {
     }
 
     #[inline(always)]
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], Refusal> {
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], Refusal> {
         let (first, rest) = self.rest.split_first_chunk().ok_or(Refusal::Length)?;
         self.rest = rest;
         Ok(*first)
@@ -74,7 +75,7 @@ impl<const BINARY: bool> Reader<'_, BINARY> {
 
     #[inline(always)]
     fn exactly<const N: usize>(&mut self, what: [u8; N]) -> Result<(), Refusal> {
-        if self.take()? == what { Ok(()) } else { Err(Refusal::Length) }
+        if self.bytes()? == what { Ok(()) } else { Err(Refusal::Length) }
     }
 
     /// Reads `N` numbers, in text with `WHOLE` columns before the point.
@@ -83,11 +84,11 @@ impl<const BINARY: bool> Reader<'_, BINARY> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = if BINARY {
-                f64::from(f32::from_le_bytes(self.take()?))
+                f64::from(f32::from_le_bytes(self.bytes()?))
             } else if extended {
-                extended_number(&self.take()?).ok_or(Refusal::Field)?
+                extended_number(&self.bytes()?).ok_or(Refusal::Field)?
             } else {
-                let (negative, digits) = numerals::fixed_point::<WHOLE>(self.take()?).ok_or(Refusal::Field)?;
+                let (negative, digits) = numerals::fixed_point::<WHOLE>(self.bytes()?).ok_or(Refusal::Field)?;
                 let value = f64::from(digits) / if WHOLE == 4 { 1e2 } else { 1e4 };
                 if negative { -value } else { value }
             };
@@ -120,7 +121,7 @@ impl<const BINARY: bool> Reader<'_, BINARY> {
     fn packed<const N: usize>(&mut self, scale: f64) -> Result<[f64; N], Refusal> {
         let mut values = [0.0; N];
         for value in &mut values {
-            let [low, high]: [u8; 2] = self.take()?;
+            let [low, high]: [u8; 2] = self.bytes()?;
             if (low & 0x80 != 0) == self.packed_begun || high & 0x80 != 0 {
                 return Err(Refusal::Field);
             }

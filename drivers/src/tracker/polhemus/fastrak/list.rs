@@ -1,6 +1,6 @@
 //! The unit's output list, which determines the columns or bytes of a record.
 
-use super::FEWEST_REPLY_BYTES;
+use super::limits::{FEWEST_REPLY_BYTES, LONGEST_REPLY};
 use crate::tracker::polhemus::ListError;
 
 /// One entry of an output list.
@@ -191,6 +191,6 @@ impl Layout {
 
     /// Returns the length limit of replies among such records, in bytes.
     pub(super) fn reply_bytes(&self) -> usize {
-        (2 * self.length).clamp(FEWEST_REPLY_BYTES, super::LONGEST_REPLY)
+        (2 * self.length).clamp(FEWEST_REPLY_BYTES, LONGEST_REPLY)
     }
 }

@@ -25,31 +25,22 @@
 
 mod columns;
 pub mod command;
+mod limits;
 mod list;
+mod pose;
 pub mod reply;
 mod unit;
 pub mod write;
 
 pub use command::Command;
+pub use limits::{LONGEST_REPLY, STATIONS};
 pub use list::{Entry, Item, LONGEST_RECORD, Layout, MOST_ENTRIES, Mode};
+pub use pose::Pose;
 pub use reply::{Reply, Status};
 pub(super) use unit::judge_stations;
-pub use unit::{Question, Speech, Unit, status_of};
+pub use unit::{FastrakProtocol, Question, Unit, status_of};
 
-use crate::framing::{Format, Look, Refusal};
-
-/// Maximum number of stations of a unit.
-pub const STATIONS: usize = 4;
-
-/// Longest reply, in bytes: the answer to `O` with a full list has 69 bytes, the status 55.
-pub const LONGEST_REPLY: usize = 128;
-
-/// Length limit of a reply among short records, in bytes: a false beginning of a reply must not
-/// delay records. A status still fits.
-const FEWEST_REPLY_BYTES: usize = 56;
-
-/// Limit of a binary position coordinate, in the unit that was set.
-const FARTHEST: f64 = 500.0;
+use crate::framing::{Format, Parsed, Refusal};
 
 /// A record or reply from the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,44 +49,6 @@ pub enum Record<'a> {
     Pose(&'a Pose),
     /// An answer to a command, or an error.
     Reply(Reply<'a>),
-}
-
-/// A measurement of a station: the fields of its output list.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Station, from 1.
-    pub station: u8,
-    /// The unit's last error as its letter; a blank for none. It can be older than this record,
-    /// so it qualifies the pose but does not invalidate it.
-    pub error: u8,
-    /// Position in the unit that was set (inches by default, or cm).
-    pub position: Option<[f64; 3]>,
-    /// Position relative to the last such record, in the same unit.
-    pub relative_position: Option<[f64; 3]>,
-    /// Azimuth, elevation, roll in degrees.
-    pub euler_deg: Option<[f64; 3]>,
-    /// Rows of the direction cosine matrix.
-    pub cosines: [Option<[f64; 3]>; 3],
-    /// Quaternion w, x, y, z as sent, not normalised.
-    pub quaternion_wxyz: Option<[f64; 4]>,
-    /// Stylus switch as sent: two characters, a blank and a digit.
-    pub stylus: Option<[u8; 2]>,
-}
-
-impl Pose {
-    /// Returns a pose without measurements.
-    pub const fn empty(station: u8, error: u8) -> Self {
-        Self {
-            station,
-            error,
-            position: None,
-            relative_position: None,
-            euler_deg: None,
-            cosines: [None; 3],
-            quaternion_wxyz: None,
-            stylus: None,
-        }
-    }
 }
 
 /// Reads FASTRAK records and replies; also those of ISOTRAK and ISOTRAK II in text.
@@ -146,24 +99,24 @@ impl Fastrak {
 
     /// Judges the window while unsynchronised, or when something other than a record begins.
     #[cold]
-    fn search<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn search<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         match judge(&self.layouts, self.reply_bytes, window, &mut self.pose) {
-            Look::Record { length, record: None } => {
+            Parsed::Record { length, record: None } => {
                 match judge(&self.layouts, self.reply_bytes, &window[length..], &mut self.next) {
-                    Look::Record { .. } => {
+                    Parsed::Record { .. } => {
                         self.locked = true;
-                        Look::Record { length, record: Record::Pose(&self.pose) }
+                        Parsed::Record { length, record: Record::Pose(&self.pose) }
                     }
-                    Look::Skip { .. } => Look::skip_byte(Refusal::Unconfirmed),
-                    Look::Short => Look::Short,
+                    Parsed::Skip { .. } => Parsed::skip_byte(Refusal::Unconfirmed),
+                    Parsed::Short => Parsed::Short,
                 }
             }
-            Look::Record { length, record: Some(reply) } => Look::Record { length, record: Record::Reply(reply) },
-            Look::Skip { bytes, why } => {
+            Parsed::Record { length, record: Some(reply) } => Parsed::Record { length, record: Record::Reply(reply) },
+            Parsed::Skip { bytes, why } => {
                 self.locked = false;
-                Look::Skip { bytes, why }
+                Parsed::Skip { bytes, why }
             }
-            Look::Short => Look::Short,
+            Parsed::Short => Parsed::Short,
         }
     }
 }
@@ -174,33 +127,33 @@ fn judge<'a>(
     reply_bytes: usize,
     window: &'a [u8],
     pose: &mut Pose,
-) -> Look<Option<Reply<'a>>> {
+) -> Parsed<Option<Reply<'a>>> {
     match window.first() {
-        None => Look::Short,
+        None => Parsed::Short,
         Some(b'0') => judge_record(layouts, window, pose).map(|()| None),
         Some(b'2') => reply::judge(window, reply_bytes).map(Some),
-        Some(_) => Look::skip_byte(Refusal::Noise),
+        Some(_) => Parsed::skip_byte(Refusal::Noise),
     }
 }
 
 #[inline(always)]
-fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut Pose) -> Look<()> {
+fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut Pose) -> Parsed<()> {
     let layout = match window.get(1) {
-        None => return Look::Short,
+        None => return Parsed::Short,
         Some(station) => match layouts.get(usize::from(station.wrapping_sub(b'1'))) {
             Some(Some(layout)) => layout,
-            _ => return Look::skip_byte(Refusal::Header),
+            _ => return Parsed::skip_byte(Refusal::Header),
         },
     };
     if window.get(2).is_some_and(|error| !(0x20..0x7f).contains(error)) {
-        return Look::skip_byte(Refusal::Header);
+        return Parsed::skip_byte(Refusal::Header);
     }
     let Some(bytes) = window.get(..layout.length()) else {
-        return Look::Short;
+        return Parsed::Short;
     };
     match columns::read(bytes, layout, pose) {
-        Ok(()) => Look::Record { length: bytes.len(), record: () },
-        Err(why) => Look::skip_byte(why),
+        Ok(()) => Parsed::Record { length: bytes.len(), record: () },
+        Err(why) => Parsed::skip_byte(why),
     }
 }
 
@@ -218,11 +171,11 @@ impl Format for Fastrak {
     }
 
     #[inline]
-    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&'a mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         if self.locked && window[0] == b'0' {
-            let look = judge_record(&self.layouts, window, &mut self.pose);
-            self.locked = !matches!(look, Look::Skip { .. });
-            return look.map(|()| Record::Pose(&self.pose));
+            let parsed = judge_record(&self.layouts, window, &mut self.pose);
+            self.locked = !matches!(parsed, Parsed::Skip { .. });
+            return parsed.map(|()| Record::Pose(&self.pose));
         }
         self.search(window)
     }

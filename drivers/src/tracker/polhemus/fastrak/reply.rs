@@ -1,7 +1,7 @@
 //! Replies of the unit: `'2'`, station, letter, text, CR LF.
 
-use super::STATIONS;
-use crate::framing::{Look, Refusal};
+use super::limits::STATIONS;
+use crate::framing::{Parsed, Refusal};
 
 /// An answer to a command, or an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,23 +103,23 @@ impl Reply<'_> {
 }
 
 /// Judges a possible reply, which must end within `longest` bytes.
-pub(in crate::tracker::polhemus) fn judge(window: &[u8], longest: usize) -> Look<Reply<'_>> {
+pub(in crate::tracker::polhemus) fn judge(window: &[u8], longest: usize) -> Parsed<Reply<'_>> {
     if window.get(1).is_some_and(|station| !matches!(station, b'1'..=b'4' | b' ' | b'?'))
         || window.get(2).is_some_and(|letter| !letter.is_ascii_alphabetic())
     {
-        return Look::skip_byte(Refusal::Header);
+        return Parsed::skip_byte(Refusal::Header);
     }
     let inside = &window[..window.len().min(longest)];
     match inside.iter().position(|byte| !(0x20..0x7f).contains(byte)) {
-        None if inside.len() < longest => Look::Short,
-        None => Look::skip_byte(Refusal::Length),
+        None if inside.len() < longest => Parsed::Short,
+        None => Parsed::skip_byte(Refusal::Length),
         Some(end) => match inside[end..] {
-            [b'\r'] if inside.len() < longest => Look::Short,
+            [b'\r'] if inside.len() < longest => Parsed::Short,
             [b'\r', b'\n', ..] if end >= 3 => {
                 let reply = Reply { station: inside[1], letter: inside[2], text: &inside[3..end] };
-                Look::Record { length: end + 2, record: reply }
+                Parsed::Record { length: end + 2, record: reply }
             }
-            _ => Look::skip_byte(Refusal::Length),
+            _ => Parsed::skip_byte(Refusal::Length),
         },
     }
 }

@@ -11,7 +11,7 @@ use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
-use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, ScriptStep, Tracker, UnitProtocol, wire_ns};
 
 /// Measurements per second, shared by the stations.
 const CYCLES: f64 = 120.0;
@@ -20,10 +20,10 @@ const CYCLES: f64 = 120.0;
 const SAMPLING: i64 = 3_750_000;
 
 /// A FASTRAK on a line.
-pub type Unit = Tracker<Speech>;
+pub type Unit = Tracker<FastrakProtocol>;
 
 /// The unit protocol of a FASTRAK.
-pub struct Speech {
+pub struct FastrakProtocol {
     settings: Settings,
     layouts: [Option<Layout>; STATIONS],
     decoder: Decoder<Fastrak>,
@@ -65,7 +65,7 @@ impl Unit {
         let timing = Timing { rate_hz, sampling_ns: SAMPLING, ..Timing::default() };
         let description = Description { name: format!("FASTRAK on {name}"), timing, ..Description::default() };
         let may_reset = settings.may_reset;
-        let speech = Speech {
+        let unit = FastrakProtocol {
             settings,
             layouts,
             decoder: Decoder::new(Fastrak::replies()),
@@ -73,11 +73,11 @@ impl Unit {
             wrong: None,
             description,
         };
-        Ok(Self::of(speech, line.into(), may_reset))
+        Ok(Self::of(unit, line.into(), may_reset))
     }
 }
 
-impl Speech {
+impl FastrakProtocol {
     /// Feeds received bytes to the decoder of replies. `take` returns whether a reply is the
     /// expected one.
     fn answered(&mut self, bytes: &[u8], mut take: impl FnMut(&Reply<'_>) -> bool) -> bool {
@@ -97,7 +97,7 @@ impl Speech {
         answered
     }
 
-    fn hear_status(&mut self, bytes: &[u8]) -> Option<UnitStatus> {
+    fn read_status(&mut self, bytes: &[u8]) -> Option<UnitStatus> {
         let mut status = None;
         self.answered(bytes, |reply| {
             status = reply.status().or(status);
@@ -108,7 +108,7 @@ impl Speech {
     }
 }
 
-impl UnitProtocol for Speech {
+impl UnitProtocol for FastrakProtocol {
     type Question = Question;
     const BAUDS: &'static [u32] = &[115_200, 38_400, 19_200, 9_600, 57_600];
     // 13 to 18 s, longer than the unit's start, which takes 10 s.
@@ -137,7 +137,7 @@ impl UnitProtocol for Speech {
         (Command::Status.bytes(), Question::Status)
     }
 
-    fn script(&mut self, _baud: Option<u32>) -> Vec<Say<Question>> {
+    fn script(&mut self, _baud: Option<u32>) -> Vec<ScriptStep<Question>> {
         let mode = if self.settings.binary { Mode::Binary } else { Mode::Ascii };
         let mut commands = vec![Command::Mode(mode), Command::Centimetres];
         for station in 1..=STATIONS as u8 {
@@ -155,24 +155,25 @@ impl UnitProtocol for Speech {
         }
         commands.push(Command::PositionFilter(super::command::NO_FILTER));
         commands.push(Command::AttitudeFilter(super::command::NO_FILTER));
-        let mut script: Vec<Say<Question>> = commands.iter().map(|command| Say::Tell(command.bytes())).collect();
+        let mut script: Vec<ScriptStep<Question>> =
+            commands.iter().map(|command| ScriptStep::Send(command.bytes())).collect();
         for s in &self.settings.stations {
-            script.push(Say::Ask(Command::AskOutputList(*s).bytes(), Question::List(*s)));
+            script.push(ScriptStep::Ask(Command::AskOutputList(*s).bytes(), Question::List(*s)));
         }
-        script.push(Say::Ask(Command::AskStations(Some(1)).bytes(), Question::Stations));
-        script.push(Say::Ask(Command::Status.bytes(), Question::Verify));
+        script.push(ScriptStep::Ask(Command::AskStations(Some(1)).bytes(), Question::Stations));
+        script.push(ScriptStep::Ask(Command::Status.bytes(), Question::Verify));
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
+    fn judge_answer(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
-            Question::Status => self.hear_status(bytes).map_or(QuestionState::Nothing, |_| QuestionState::Good),
+            Question::Status => self.read_status(bytes).map_or(QuestionState::Nothing, |_| QuestionState::Good),
             Question::List(station) => {
-                let wanted = self.layouts[usize::from(station) - 1];
+                let expected = self.layouts[usize::from(station) - 1];
                 let mut is_right = false;
                 let answered = self.answered(bytes, |reply| {
                     let Some(codes) = reply.output_list() else { return false };
-                    is_right = wanted.is_some_and(|w| codes.eq(w.entries().iter().map(|entry| entry.code())));
+                    is_right = expected.is_some_and(|w| codes.eq(w.entries().iter().map(|entry| entry.code())));
                     true
                 });
                 match (answered, is_right) {
@@ -184,25 +185,25 @@ impl UnitProtocol for Speech {
                 }
             }
             Question::Stations => {
-                let wanted: [bool; STATIONS] = std::array::from_fn(|s| self.layouts[s].is_some());
+                let expected: [bool; STATIONS] = std::array::from_fn(|s| self.layouts[s].is_some());
                 let mut stations = None;
                 self.answered(bytes, |reply| {
                     stations = reply.stations().or(stations);
                     stations.is_some()
                 });
-                stations.map_or(QuestionState::Nothing, |stations| judge_stations(&wanted, &stations))
+                stations.map_or(QuestionState::Nothing, |stations| judge_stations(&expected, &stations))
             }
             Question::Verify => {
-                let Some(status) = self.hear_status(bytes) else { return QuestionState::Nothing };
+                let Some(status) = self.read_status(bytes) else { return QuestionState::Nothing };
                 let is_right = status.binary == self.settings.binary && status.centimetres && !status.continuous;
                 match self.wrong.take() {
                     None if is_right => QuestionState::Good,
                     Some(wrong) if is_right => {
                         QuestionState::Bad(format!("{wrong}; its firmware may be of another kind"))
                     }
-                    said => {
-                        let said = said.unwrap_or_else(|| "has not taken its settings".into());
-                        QuestionState::Bad(format!("{said}; switch it off and on"))
+                    reason => {
+                        let reason = reason.unwrap_or_else(|| "has not taken its settings".into());
+                        QuestionState::Bad(format!("{reason}; switch it off and on"))
                     }
                 }
             }
@@ -226,7 +227,7 @@ impl UnitProtocol for Speech {
         self.decoder.reformat(Fastrak::new(self.layouts));
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         self.decoder.feed(bytes, &mut |record, _| {
             let Record::Pose(pose) = record else { return };
             let (Some(position_cm), Some(quaternion_wxyz)) = (pose.position, pose.quaternion_wxyz) else { return };
@@ -260,11 +261,11 @@ impl UnitProtocol for Speech {
 }
 
 /// Compares the stations that the unit reports in use with the requested ones.
-pub(in crate::tracker::polhemus) fn judge_stations(wanted: &[bool], used: &[bool]) -> QuestionState {
-    if wanted == used {
+pub(in crate::tracker::polhemus) fn judge_stations(expected: &[bool], used: &[bool]) -> QuestionState {
+    if expected == used {
         return QuestionState::Good;
     }
-    let missing = wanted.iter().zip(used).enumerate().filter(|(_, (wanted, used))| **wanted && !**used);
+    let missing = expected.iter().zip(used).enumerate().filter(|(_, (expected, used))| **expected && !**used);
     let missing: Vec<String> = missing.map(|(index, _)| (index + 1).to_string()).collect();
     QuestionState::Bad(match missing.is_empty() {
         true => "keeps stations in use that were not asked for; switch it off and on".into(),

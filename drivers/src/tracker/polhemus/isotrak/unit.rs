@@ -16,16 +16,16 @@ use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::fastrak::command::NO_FILTER;
 use crate::tracker::polhemus::fastrak::{self, Command, Fastrak, Mode, Reply, judge_stations, status_of};
-use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, ScriptStep, Tracker, UnitProtocol, wire_ns};
 
 /// Measurements per second, shared by the stations. Not confirmed by the unit's manual.
 const CYCLES: f64 = 60.0;
 
 /// An ISOTRAK or ISOTRAK II on a line.
-pub type Unit = Tracker<Speech>;
+pub type Unit = Tracker<IsotrakProtocol>;
 
 /// The unit protocol of ISOTRAK and ISOTRAK II.
-pub struct Speech {
+pub struct IsotrakProtocol {
     settings: Settings,
     /// Output list of all stations, in text.
     text: fastrak::Layout,
@@ -87,7 +87,7 @@ impl Unit {
             true => Records::Packed(Decoder::new(Isotrak::new(STATIONS, packed))),
             false => Records::Text(Box::new(Decoder::new(Fastrak::uniform(usize::from(STATIONS), text)))),
         };
-        let speech = Speech {
+        let unit = IsotrakProtocol {
             settings,
             text,
             packed,
@@ -97,7 +97,7 @@ impl Unit {
             seen: [false; STATIONS as usize],
             description,
         };
-        Ok(Self::of(speech, line.into(), may_reset))
+        Ok(Self::of(unit, line.into(), may_reset))
     }
 }
 
@@ -133,8 +133,8 @@ impl Records {
     }
 }
 
-impl Speech {
-    fn is_wanted(&self, station: u8) -> bool {
+impl IsotrakProtocol {
+    fn is_used(&self, station: u8) -> bool {
         self.settings.stations.contains(&station)
     }
 
@@ -154,7 +154,7 @@ impl Speech {
     }
 }
 
-impl UnitProtocol for Speech {
+impl UnitProtocol for IsotrakProtocol {
     type Question = Question;
     const BAUDS: &'static [u32] = &[115_200, 19_200, 9_600, 38_400, 57_600];
     // 22 to 32 s, longer than the unit's start, which takes 20 s.
@@ -191,11 +191,11 @@ impl UnitProtocol for Speech {
         (Command::Status.bytes(), Question::Status)
     }
 
-    fn script(&mut self, _baud: Option<u32>) -> Vec<Say<Question>> {
+    fn script(&mut self, _baud: Option<u32>) -> Vec<ScriptStep<Question>> {
         self.wrong = None;
         let mode = if self.settings.binary { Mode::Binary } else { Mode::Ascii };
         let mut commands = vec![Command::Mode(mode), Command::Centimetres];
-        commands.extend((1..=STATIONS).map(|station| Command::Station(station, self.is_wanted(station))));
+        commands.extend((1..=STATIONS).map(|station| Command::Station(station, self.is_used(station))));
         commands.push(Command::OutputList(None, self.text));
         for &station in &self.settings.stations {
             commands.extend([
@@ -206,15 +206,16 @@ impl UnitProtocol for Speech {
             ]);
         }
         commands.extend([Command::PositionFilter(NO_FILTER), Command::AttitudeFilter(NO_FILTER)]);
-        let mut script: Vec<Say<Question>> = commands.iter().map(|command| Say::Tell(command.bytes())).collect();
-        script.push(Say::Ask(Command::AskStations(None).bytes(), Question::Stations));
+        let mut script: Vec<ScriptStep<Question>> =
+            commands.iter().map(|command| ScriptStep::Send(command.bytes())).collect();
+        script.push(ScriptStep::Ask(Command::AskStations(None).bytes(), Question::Stations));
         // The decoder accepts a text record when something follows it: here, the status.
         let poll = [Command::Poll.bytes(), Command::Status.bytes()].concat();
-        script.push(Say::Ask(poll, Question::Records));
+        script.push(ScriptStep::Ask(poll, Question::Records));
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
+    fn judge_answer(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
             Question::Status => match self.answered(bytes, |_| true) {
                 true => QuestionState::Good,
@@ -226,7 +227,7 @@ impl UnitProtocol for Speech {
                     used = reply.stations().or(used);
                     used.is_some()
                 });
-                let wanted = std::array::from_fn::<_, { STATIONS as usize }, _>(|s| self.is_wanted(s as u8 + 1));
+                let expected = std::array::from_fn::<_, { STATIONS as usize }, _>(|s| self.is_used(s as u8 + 1));
                 match (used, self.wrong.take()) {
                     (None, wrong) => {
                         self.wrong = wrong;
@@ -235,7 +236,7 @@ impl UnitProtocol for Speech {
                     (Some(_), Some(wrong)) => {
                         QuestionState::Bad(format!("{wrong}; its firmware may be of another kind"))
                     }
-                    (Some(used), None) => judge_stations(&wanted, &used[..usize::from(STATIONS)]),
+                    (Some(used), None) => judge_stations(&expected, &used[..usize::from(STATIONS)]),
                 }
             }
             Question::Records => {
@@ -261,7 +262,7 @@ impl UnitProtocol for Speech {
         self.records.interrupt();
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let Self { settings, records, .. } = self;
         records.feed(bytes, &mut |record| {
             if !settings.stations.contains(&record.station) {

@@ -1,6 +1,7 @@
 //! Commands for the unit. Letters may be in either case; every command but `P` ends in a carriage
 //! return.
 
+use super::limits::MOST_STATIONS;
 use super::list::Layout;
 
 /// `^U`, which asks for the active stations.
@@ -148,7 +149,7 @@ impl Command {
         let fields: Vec<&str> = text.split(',').map(str::trim).collect();
         let stations = || match fields.first()? {
             &"*" => Some(Stations::All),
-            one => one.parse().ok().filter(|station| (1..=super::MOST_STATIONS).contains(station)).map(Stations::One),
+            one => one.parse().ok().filter(|station| (1..=MOST_STATIONS).contains(station)).map(Stations::One),
         };
         let switch = |text: &str| match text {
             "0" => Some(false),

@@ -1,5 +1,6 @@
 //! The unit's output list, which determines the body of a frame.
 
+use super::limits::HEADER;
 use crate::tracker::polhemus::ListError;
 
 /// One entry of an output list. The codes differ from FASTRAK's: the quaternion is 7 here and 11
@@ -124,6 +125,6 @@ impl Layout {
 
     /// Returns the length of a frame, in bytes.
     pub fn length(&self) -> usize {
-        super::HEADER + self.body
+        HEADER + self.body
     }
 }

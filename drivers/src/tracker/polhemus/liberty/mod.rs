@@ -16,29 +16,19 @@
 //! The unit answers in [text] until the host selects binary.
 
 pub mod command;
+mod limits;
 mod list;
 pub mod text;
 mod unit;
 mod write;
 
 pub use command::Command;
+pub use limits::{HEADER, MOST_STATIONS};
 pub use list::{Item, LONGEST_BODY, Layout, MOST_ITEMS};
-pub use unit::{Question, Speech, Unit, status_of};
+pub use unit::{LibertyProtocol, Question, Unit, status_of};
 
-use crate::framing::{Format, Look, Refusal};
-
-/// Bytes before a frame's body.
-pub const HEADER: usize = 8;
-
-/// Maximum number of stations of any of these units.
-pub const MOST_STATIONS: u8 = 16;
-
-/// Length limit of a reply among short frames, in bytes: a false beginning of a reply must not
-/// delay frames.
-const FEWEST_REPLY_BYTES: usize = 64;
-
-/// Limit of a position coordinate, in the unit that was set.
-const FARTHEST: f32 = 500.0;
+use crate::framing::{Format, Parsed, Refusal};
+use limits::{FARTHEST, FEWEST_REPLY_BYTES};
 
 /// Model of the unit: the first two bytes of each frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -214,16 +204,16 @@ impl Liberty {
     }
 
     #[inline]
-    fn judge<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn judge<'a>(&self, window: &'a [u8]) -> Parsed<Record<'a>> {
         let Some(&[tag0, tag1, station, command, error, _, low, high]) = window.first_chunk::<HEADER>() else {
             return self.judge_beginning(window);
         };
         let Some(tag) = Tag::from_bytes([tag0, tag1]) else {
-            return Look::skip_byte(Refusal::Noise);
+            return Parsed::skip_byte(Refusal::Noise);
         };
         let header = Header { tag, station, command, error };
         if !self.is_station(station, command) || !is_command(command) {
-            return Look::skip_byte(Refusal::Header);
+            return Parsed::skip_byte(Refusal::Header);
         }
         let length = HEADER + usize::from(u16::from_le_bytes([low, high]));
         let measured = matches!(command, b'C' | b'P');
@@ -232,34 +222,34 @@ impl Liberty {
             _ => length <= self.longest_reply,
         };
         if !good {
-            return Look::skip_byte(Refusal::Length);
+            return Parsed::skip_byte(Refusal::Length);
         }
         let Some(body) = window.get(HEADER..length) else {
-            return Look::Short;
+            return Parsed::Short;
         };
         match &self.layout {
             Some(layout) if measured => match read(header, body, layout) {
-                Ok(pose) => Look::Record { length, record: Record::Pose(pose) },
-                Err(why) => Look::skip_byte(why),
+                Ok(pose) => Parsed::Record { length, record: Record::Pose(pose) },
+                Err(why) => Parsed::skip_byte(why),
             },
             // A measurement with an unknown list is skipped whole.
-            None if measured => Look::Skip { bytes: length, why: Refusal::Header },
-            _ => Look::Record { length, record: Record::Reply(Reply { header, body }) },
+            None if measured => Parsed::Skip { bytes: length, why: Refusal::Header },
+            _ => Parsed::Record { length, record: Record::Reply(Reply { header, body }) },
         }
     }
 
     /// Judges a window shorter than a header; bytes that cannot begin a frame are not held back.
     #[cold]
-    fn judge_beginning<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn judge_beginning<'a>(&self, window: &'a [u8]) -> Parsed<Record<'a>> {
         match *window {
-            [b'L' | b'P'] => Look::Short,
+            [b'L' | b'P'] => Parsed::Short,
             [tag0, tag1, ..] if Tag::from_bytes([tag0, tag1]).is_some() => match window[2..] {
                 [station, command, ..] if !self.is_station(station, command) || !is_command(command) => {
-                    Look::skip_byte(Refusal::Header)
+                    Parsed::skip_byte(Refusal::Header)
                 }
-                _ => Look::Short,
+                _ => Parsed::Short,
             },
-            _ => Look::skip_byte(Refusal::Noise),
+            _ => Parsed::skip_byte(Refusal::Noise),
         }
     }
 
@@ -291,18 +281,18 @@ fn read(header: Header, body: &[u8], layout: &Layout) -> Result<Pose, Refusal> {
                 pose.cosines = Some([unit(header, &mut rest)?, unit(header, &mut rest)?, unit(header, &mut rest)?]);
             }
             Item::Quaternion => pose.quaternion_wxyz = Some(unit(header, &mut rest)?),
-            Item::Timestamp => pose.timestamp_ms = Some(u32::from_le_bytes(take(&mut rest)?)),
-            Item::FrameCount => pose.frame_count = Some(u32::from_le_bytes(take(&mut rest)?)),
-            Item::Stylus => pose.stylus = Some(i32::from_le_bytes(take(&mut rest)?)),
-            Item::Distortion => pose.distortion = Some(i32::from_le_bytes(take(&mut rest)?)),
-            Item::ExternalSync => pose.external_sync = Some(i32::from_le_bytes(take(&mut rest)?)),
+            Item::Timestamp => pose.timestamp_ms = Some(u32::from_le_bytes(array(&mut rest)?)),
+            Item::FrameCount => pose.frame_count = Some(u32::from_le_bytes(array(&mut rest)?)),
+            Item::Stylus => pose.stylus = Some(i32::from_le_bytes(array(&mut rest)?)),
+            Item::Distortion => pose.distortion = Some(i32::from_le_bytes(array(&mut rest)?)),
+            Item::ExternalSync => pose.external_sync = Some(i32::from_le_bytes(array(&mut rest)?)),
         }
     }
     Ok(pose)
 }
 
 #[inline(always)]
-fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
+fn array<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
     let (first, after) = rest.split_first_chunk().ok_or(Refusal::Length)?;
     *rest = after;
     Ok(*first)
@@ -310,14 +300,14 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
 
 #[inline(always)]
 fn exactly<const N: usize>(rest: &mut &[u8], what: [u8; N]) -> Result<(), Refusal> {
-    if take(rest)? == what { Ok(()) } else { Err(Refusal::Field) }
+    if array(rest)? == what { Ok(()) } else { Err(Refusal::Field) }
 }
 
 #[inline(always)]
 fn numbers<const N: usize>(rest: &mut &[u8]) -> Result<[f32; N], Refusal> {
     let mut values = [0.0; N];
     for value in &mut values {
-        *value = f32::from_le_bytes(take(rest)?);
+        *value = f32::from_le_bytes(array(rest)?);
     }
     Ok(values)
 }
@@ -352,7 +342,7 @@ impl Format for Liberty {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         self.judge(window)
     }
 }

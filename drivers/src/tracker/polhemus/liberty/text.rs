@@ -4,7 +4,7 @@
 //! are therefore only recognised here and never read; the driver switches a unit that streams
 //! text to binary.
 
-use crate::framing::{Format, Look, Refusal};
+use crate::framing::{Format, Parsed, Refusal};
 
 /// Longest line, in bytes, including its end.
 pub const LONGEST_LINE: usize = 512;
@@ -70,17 +70,17 @@ impl Format for LibertyText {
         2 * LONGEST_LINE
     }
 
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Line<'a>> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Line<'a>> {
         let inside = &window[..window.len().min(LONGEST_LINE)];
         let is_text = |byte: &u8| matches!(byte, 0x01..=0x09 | 0x0b..=0x0c | 0x0e..=0x7e);
         match inside.iter().position(|byte| !is_text(byte)) {
-            None if inside.len() < LONGEST_LINE => Look::Short,
-            None => Look::skip_byte(Refusal::Length),
+            None if inside.len() < LONGEST_LINE => Parsed::Short,
+            None => Parsed::skip_byte(Refusal::Length),
             Some(end) => match inside[end..] {
-                [b'\r'] if inside.len() < LONGEST_LINE => Look::Short,
-                [b'\r', b'\n', ..] => Look::Record { length: end + 2, record: line(&inside[..end]) },
+                [b'\r'] if inside.len() < LONGEST_LINE => Parsed::Short,
+                [b'\r', b'\n', ..] => Parsed::Record { length: end + 2, record: line(&inside[..end]) },
                 // The bytes before a non-text byte cannot be part of a line, whatever follows.
-                _ => Look::Skip { bytes: end + 1, why: Refusal::Noise },
+                _ => Parsed::Skip { bytes: end + 1, why: Refusal::Noise },
             },
         }
     }

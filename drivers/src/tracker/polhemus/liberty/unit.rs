@@ -17,7 +17,9 @@ use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::counter::{Counted, Counter};
-use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, fastest, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{
+    Line, QuestionState, ScriptStep, Tracker, UnitProtocol, fastest, wire_ns,
+};
 
 /// Time from the middle of the measurement to the first byte, ns (manual: latency without
 /// filters).
@@ -32,10 +34,10 @@ const PATRIOT_HZ: f64 = 60.0;
 const NO_FILTER: [f32; 4] = [0.0, 1.0, 0.0, 0.0];
 
 /// A LIBERTY, PATRIOT or Latus on a line.
-pub type Unit = Tracker<Speech>;
+pub type Unit = Tracker<LibertyProtocol>;
 
 /// The unit protocol of LIBERTY, PATRIOT and Latus.
-pub struct Speech {
+pub struct LibertyProtocol {
     name: String,
     settings: Settings,
     layout: Layout,
@@ -90,7 +92,7 @@ impl Unit {
             Timing { ticks: Ticks::Measurements, wraps_at: Some(1 << 32), sampling_ns: SAMPLING, ..Timing::default() };
         let description = Description { name: format!("LIBERTY on {name}"), timing, ..Description::default() };
         let may_reset = settings.may_reset;
-        let mut speech = Speech {
+        let mut unit = LibertyProtocol {
             name: name.to_owned(),
             settings,
             layout,
@@ -105,12 +107,12 @@ impl Unit {
             wrong: None,
             description,
         };
-        speech.set_rate(RATES[0].1);
-        Ok(Self::of(speech, line, may_reset))
+        unit.set_rate(RATES[0].1);
+        Ok(Self::of(unit, line, may_reset))
     }
 }
 
-impl Speech {
+impl LibertyProtocol {
     fn set_rate(&mut self, hz: f64) {
         self.hz = hz;
         (self.description.timing.tick_hz, self.description.timing.rate_hz) = (Some(hz), Some(hz));
@@ -154,7 +156,7 @@ impl Speech {
     }
 }
 
-impl UnitProtocol for Speech {
+impl UnitProtocol for LibertyProtocol {
     type Question = Question;
     const BAUDS: &'static [u32] = &[115_200, 38_400, 19_200, 9_600, 57_600];
     // 13 to 18 s, longer than the unit's start, which takes 10 s.
@@ -185,7 +187,7 @@ impl UnitProtocol for Speech {
         ([Command::Binary(true).bytes(), Command::AskActiveStations.bytes()].concat(), Question::Who)
     }
 
-    fn script(&mut self, baud: Option<u32>) -> Vec<Say<Question>> {
+    fn script(&mut self, baud: Option<u32>) -> Vec<ScriptStep<Question>> {
         self.wrong = None;
         // All active stations send frames, unwanted ones too.
         let bytes = self.layout.length() * self.active.count_ones().max(1) as usize;
@@ -207,16 +209,17 @@ impl UnitProtocol for Speech {
             Command::PositionFilter(NO_FILTER),
             Command::AttitudeFilter(NO_FILTER),
         ]);
-        let mut script: Vec<Say<Question>> = commands.iter().map(|command| Say::Tell(command.bytes())).collect();
-        script.push(Say::Ask(Command::AskUnits.bytes(), Question::Units));
+        let mut script: Vec<ScriptStep<Question>> =
+            commands.iter().map(|command| ScriptStep::Send(command.bytes())).collect();
+        script.push(ScriptStep::Ask(Command::AskUnits.bytes(), Question::Units));
         for station in &self.settings.stations {
-            script.push(Say::Ask(Command::AskOutputList(*station).bytes(), Question::List(*station)));
+            script.push(ScriptStep::Ask(Command::AskOutputList(*station).bytes(), Question::List(*station)));
         }
-        script.push(Say::Ask(Command::AskActiveStations.bytes(), Question::Verify));
+        script.push(ScriptStep::Ask(Command::AskActiveStations.bytes(), Question::Verify));
         script
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
+    fn judge_answer(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         match question {
             Question::Who => match self.hear_stations(bytes) {
                 None => QuestionState::Nothing,
@@ -238,13 +241,13 @@ impl UnitProtocol for Speech {
                 }
             }
             Question::List(_) => {
-                let wanted = self.layout;
+                let layout = self.layout;
                 let mut is_right = true;
                 let answered = self.answered(bytes, |reply| {
                     // An answer of another form is not judged; the length of the frames will show
                     // a wrong list.
                     is_right =
-                        reply.output_list().is_none_or(|codes| codes.eq(wanted.items().iter().map(|item| item.code())));
+                        reply.output_list().is_none_or(|codes| codes.eq(layout.items().iter().map(|item| item.code())));
                     reply.header.command == b'O'
                 });
                 match (answered, is_right) {
@@ -283,7 +286,7 @@ impl UnitProtocol for Speech {
         self.counters = Default::default();
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let Self { decoder, settings, counters, hz, lost, doubtful, .. } = self;
         decoder.feed(bytes, &mut |record, _| {
             let Record::Pose(pose) = record else { return };

@@ -1,7 +1,9 @@
 //! Commands and replies: both use the same frame, and the action distinguishes them.
 
-use super::write::framed;
-use super::{OrientationUnit, PositionUnit, REPLY_HEADER};
+use super::frame::{OrientationUnit, PositionUnit, framed};
+
+/// Bytes of a reply before its payload.
+pub(super) const REPLY_HEADER: usize = 20;
 
 /// All sensors, or any unit.
 pub const ALL: u32 = u32::MAX;

@@ -12,35 +12,17 @@
 //! are little-endian.
 
 pub mod command;
+mod frame;
 mod unit;
 pub mod write;
 
 pub use command::{Action, Command, Nak, Reply};
-pub use unit::{Question, Speech, Unit};
+pub use frame::{Frame, LONGEST_SIZE, MOST_SENSORS, OrientationUnit, PositionUnit, Sensor};
+pub use unit::{Question, Unit, ViperProtocol};
 
-use crc::{CRC_16_ARC, Crc, Table};
-
-use crate::framing::{Format, Look, Refusal};
-
-/// Sixteen tables, for sixteen bytes a step; otherwise the checksum would dominate the decoding
-/// time.
-static CRC: Crc<u16, Table<16>> = Crc::<u16, Table<16>>::new(&CRC_16_ARC);
-
-/// Largest size that a frame may state, in bytes.
-pub const LONGEST_SIZE: usize = 1024;
-/// Maximum number of sensors in a frame.
-pub const MOST_SENSORS: usize = 16;
-
-/// Bytes of preamble and size.
-const HEADER: usize = 8;
-/// Bytes of the CRC.
-const TRAILER: usize = 4;
-/// Bytes of a measurement frame before its sensors.
-const FRAME_HEADER: usize = 16;
-/// Bytes of a sensor in a measurement frame.
-const SENSOR: usize = 32;
-/// Bytes of a reply before its payload.
-const REPLY_HEADER: usize = 20;
+use crate::framing::{Format, Parsed, Refusal};
+use command::REPLY_HEADER;
+use frame::{CRC, FRAME_HEADER, HEADER, SENSOR, TRAILER, frame};
 
 /// A frame from the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,131 +31,6 @@ pub enum Record<'a> {
     Frame(Frame<'a>),
     /// An answer to a command.
     Reply(Reply<'a>),
-}
-
-/// Measurements of all sensors at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame<'a> {
-    /// Number of the sensor electronics unit.
-    pub unit: u32,
-    /// Frame number, which counts lost frames too; wraps at 2³².
-    pub frame_count: u32,
-    /// Whether accelerations are sent beside the poses.
-    pub accelerations: bool,
-    /// Result of the built-in test, 0 for no error.
-    pub test: u8,
-    sensors: &'a [[u8; SENSOR]],
-}
-
-impl<'a> Frame<'a> {
-    /// Returns the measurements of the sensors.
-    pub fn sensors(&self) -> impl ExactSizeIterator<Item = Sensor> + use<'a> {
-        let accelerations = self.accelerations;
-        self.sensors.iter().map(move |bytes| Sensor::read(bytes, accelerations))
-    }
-}
-
-/// Unit of positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum PositionUnit {
-    /// Inches.
-    Inches,
-    /// Feet.
-    Feet,
-    /// Centimetres.
-    Centimetres,
-    /// Metres.
-    Metres,
-}
-
-/// Representation of orientations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum OrientationUnit {
-    /// Azimuth, elevation, roll in degrees, and 0.
-    EulerDegrees,
-    /// Azimuth, elevation, roll in radians, and 0.
-    EulerRadians,
-    /// Quaternion w, x, y, z.
-    Quaternion,
-    /// The remaining value of the two bits, which the header does not define.
-    Unknown,
-}
-
-/// A measurement of a sensor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sensor {
-    /// Sensor number, from 0.
-    pub sensor: u8,
-    /// Whether it is a virtual sensor.
-    pub is_virtual: bool,
-    /// Unit of `position`.
-    pub position_unit: PositionUnit,
-    /// Representation of `orientation`.
-    pub orientation_unit: OrientationUnit,
-    /// State of the stylus' two buttons.
-    pub buttons: u8,
-    /// Distortion level.
-    pub distortion: u8,
-    /// Bits of unknown meaning.
-    pub auxiliary: u16,
-    /// Position x, y, z.
-    pub position: [f32; 3],
-    /// Orientation; multiples of 2⁻¹⁵ if accelerations are sent.
-    pub orientation: [f32; 4],
-    /// Acceleration in multiples of 2⁻¹⁵, if it is sent; its unit is not documented.
-    pub acceleration: Option<[f32; 4]>,
-}
-
-impl Sensor {
-    #[inline]
-    fn read(bytes: &[u8; SENSOR], accelerations: bool) -> Self {
-        let (words, _) = bytes.as_chunks::<4>();
-        let info = u32::from_le_bytes(words[0]);
-        let single = |index: usize| f32::from_le_bytes(words[index]);
-        // Multiples of 2⁻¹⁵: exact in `f32`.
-        let half = |index: usize| {
-            let [a, b, c, d] = words[index];
-            [i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d])].map(|counts| f32::from(counts) / 32_768.0)
-        };
-        let halves = |index: usize| {
-            let ([a, b], [c, d]) = (half(index), half(index + 1));
-            [a, b, c, d]
-        };
-        Self {
-            sensor: (info & 0x7f) as u8,
-            is_virtual: info >> 7 & 1 != 0,
-            position_unit: PositionUnit::from_bits(info >> 8),
-            orientation_unit: OrientationUnit::from_bits(info >> 10),
-            buttons: (info >> 12 & 3) as u8,
-            distortion: (info >> 14 & 0xff) as u8,
-            auxiliary: (info >> 22) as u16,
-            position: [single(1), single(2), single(3)],
-            orientation: if accelerations { halves(4) } else { [single(4), single(5), single(6), single(7)] },
-            acceleration: accelerations.then(|| halves(6)),
-        }
-    }
-}
-
-impl PositionUnit {
-    const fn from_bits(bits: u32) -> Self {
-        match bits & 3 {
-            0 => Self::Inches,
-            1 => Self::Feet,
-            2 => Self::Centimetres,
-            _ => Self::Metres,
-        }
-    }
-}
-
-impl OrientationUnit {
-    const fn from_bits(bits: u32) -> Self {
-        match bits & 3 {
-            0 => Self::EulerDegrees,
-            1 => Self::EulerRadians,
-            2 => Self::Quaternion,
-            _ => Self::Unknown,
-        }
-    }
 }
 
 /// Reads frames of either kind; a virtual unit reads its commands with it too.
@@ -202,18 +59,18 @@ impl Format for Viper {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn parse<'a>(&mut self, window: &'a [u8]) -> Parsed<Record<'a>> {
         let Some(&[p0, p1, p2, p3, s0, s1, s2, s3]) = window.first_chunk::<HEADER>() else {
             let begins = |preamble: &[u8; 4]| window.iter().zip(preamble).all(|(byte, letter)| byte == letter);
             return match begins(b"VPRC") || begins(b"VPRP") {
-                true => Look::Short,
-                false => Look::skip_byte(Refusal::Noise),
+                true => Parsed::Short,
+                false => Parsed::skip_byte(Refusal::Noise),
             };
         };
         let measured = match &[p0, p1, p2, p3] {
             b"VPRP" => true,
             b"VPRC" => false,
-            _ => return Look::skip_byte(Refusal::Noise),
+            _ => return Parsed::skip_byte(Refusal::Noise),
         };
         let size = u32::from_le_bytes([s0, s1, s2, s3]) as usize;
         let good = if measured {
@@ -224,39 +81,20 @@ impl Format for Viper {
             (REPLY_HEADER + TRAILER..=LONGEST_SIZE).contains(&size)
         };
         if !good {
-            return Look::skip_byte(Refusal::Length);
+            return Parsed::skip_byte(Refusal::Length);
         }
         let length = HEADER + size;
         let Some((summed, sum)) = window.get(..length).and_then(|frame| frame.split_last_chunk::<TRAILER>()) else {
-            return Look::Short;
+            return Parsed::Short;
         };
         if u32::from(CRC.checksum(summed)) != u32::from_le_bytes(*sum) {
-            return Look::skip_byte(Refusal::Checksum);
+            return Parsed::skip_byte(Refusal::Checksum);
         }
         let body = &summed[HEADER..];
         let record = if measured { frame(body).map(Record::Frame) } else { Reply::read(body).map(Record::Reply) };
         match record {
-            Some(record) => Look::Record { length, record },
-            None => Look::skip_byte(Refusal::Field),
+            Some(record) => Parsed::Record { length, record },
+            None => Parsed::skip_byte(Refusal::Field),
         }
     }
-}
-
-#[inline]
-fn frame(body: &[u8]) -> Option<Frame<'_>> {
-    let (words, _) = body.as_chunks::<4>();
-    let &[unit, frame_count, info, count, ..] = words else {
-        return None;
-    };
-    let (sensors, rest) = body[FRAME_HEADER..].as_chunks::<SENSOR>();
-    let info = u32::from_le_bytes(info);
-    let counted = u32::from_le_bytes(count) as usize == sensors.len() && rest.is_empty();
-    // Two values of the four mode bits are known.
-    (counted && info & 0xf <= 1).then(|| Frame {
-        unit: u32::from_le_bytes(unit),
-        frame_count: u32::from_le_bytes(frame_count),
-        accelerations: info & 0xf == 1,
-        test: (info >> 4 & 0xf) as u8,
-        sensors,
-    })
 }

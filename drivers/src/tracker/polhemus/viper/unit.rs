@@ -10,13 +10,16 @@ use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
 use sonoweave_core::{Description, Ticks, Timing};
 
 use super::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
-use super::{FRAME_HEADER, HEADER, MOST_SENSORS, OrientationUnit, PositionUnit, Record, SENSOR, TRAILER, Viper};
+use super::frame::{FRAME_HEADER, HEADER, SENSOR, TRAILER};
+use super::{MOST_SENSORS, OrientationUnit, PositionUnit, Record, Viper};
 use crate::Error;
 use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::tracker::polhemus::Settings;
 use crate::tracker::polhemus::counter::{Counted, Counter};
-use crate::tracker::polhemus::setup_sequence::{Line, QuestionState, Say, Tracker, UnitProtocol, fastest, wire_ns};
+use crate::tracker::polhemus::setup_sequence::{
+    Line, QuestionState, ScriptStep, Tracker, UnitProtocol, fastest, wire_ns,
+};
 
 /// Frame rates; some units offer those above 240 Hz as an option, others refuse them.
 const RATES: [(Rate, f64); 6] = [
@@ -31,10 +34,10 @@ const RATES: [(Rate, f64); 6] = [
 const USUAL: (Rate, f64) = (Rate::Hz240, 240.0);
 
 /// A VIPER on a line.
-pub type Unit = Tracker<Speech>;
+pub type Unit = Tracker<ViperProtocol>;
 
 /// The unit protocol of a VIPER.
-pub struct Speech {
+pub struct ViperProtocol {
     settings: Settings,
     decoder: Decoder<Viper>,
     /// Unit number, as the unit reports it.
@@ -95,7 +98,7 @@ impl Unit {
         let timing = Timing { ticks: Ticks::Measurements, wraps_at: Some(1 << 32), ..Timing::default() };
         let description = Description { name: format!("VIPER on {name}"), timing, ..Description::default() };
         let may_reset = settings.may_reset;
-        let mut speech = Speech {
+        let mut unit = ViperProtocol {
             settings,
             decoder: Decoder::new(Viper::new(MOST_SENSORS)),
             unit: 0,
@@ -107,12 +110,12 @@ impl Unit {
             doubtful: 0,
             description,
         };
-        speech.set_rate(USUAL);
-        Ok(Self::of(speech, line.into(), may_reset))
+        unit.set_rate(USUAL);
+        Ok(Self::of(unit, line.into(), may_reset))
     }
 }
 
-impl Speech {
+impl ViperProtocol {
     fn set_rate(&mut self, rate: (Rate, f64)) {
         self.rate = rate;
         (self.description.timing.tick_hz, self.description.timing.rate_hz) = (Some(rate.1), Some(rate.1));
@@ -163,11 +166,11 @@ impl Speech {
             }
             Some(Action::Nak) if matches!(question, Question::Forget(_)) => QuestionState::Good,
             Some(Action::Nak) => {
-                let said = reply.nak().map(|nak| String::from_utf8_lossy(nak.text).trim().to_owned());
+                let reason = reply.nak().map(|nak| String::from_utf8_lossy(nak.text).trim().to_owned());
                 QuestionState::Bad(format!(
                     "refused command {}: {}; its firmware may be of another kind",
                     reply.command,
-                    said.filter(|said| !said.is_empty()).unwrap_or_else(|| "without a reason".into())
+                    reason.filter(|reason| !reason.is_empty()).unwrap_or_else(|| "without a reason".into())
                 ))
             }
             _ => QuestionState::Nothing,
@@ -175,7 +178,7 @@ impl Speech {
     }
 }
 
-impl UnitProtocol for Speech {
+impl UnitProtocol for ViperProtocol {
     type Question = Question;
     const BAUDS: &'static [u32] = &[115_200, 921_600, 460_800, 230_400, 38_400];
     // 13 to 18 s. Not verified: that it takes 10 s to start, like its predecessors.
@@ -203,7 +206,7 @@ impl UnitProtocol for Speech {
         (Command::AskStationMap.bytes(), Question::Sensors)
     }
 
-    fn script(&mut self, baud: Option<u32>) -> Vec<Say<Question>> {
+    fn script(&mut self, baud: Option<u32>) -> Vec<ScriptStep<Question>> {
         self.set_rate(fastest(&RATES, self.settings.rate_hz, self.frame_bytes(), baud).unwrap_or(USUAL));
         let zenith = self.settings.hemisphere;
         let hemisphere = Command::Hemisphere { sensor: ALL, track: zenith == [0.0; 3], zenith };
@@ -220,24 +223,24 @@ impl UnitProtocol for Speech {
             (Command::AskFrameRate, Question::Rate),
             (Command::AskStationMap, Question::Verify),
         ]
-        .map(|(command, question)| Say::Ask(command.bytes(), question))
+        .map(|(command, question)| ScriptStep::Ask(command.bytes(), question))
         .into()
     }
 
-    fn hear(&mut self, bytes: &[u8], question: Question) -> QuestionState {
+    fn judge_answer(&mut self, bytes: &[u8], question: Question) -> QuestionState {
         // The closure below borrows `self` while the decoder runs, so the decoder is taken out.
         let mut decoder = std::mem::replace(&mut self.decoder, Decoder::new(Viper::new(0)));
-        let mut heard = QuestionState::Nothing;
+        let mut state = QuestionState::Nothing;
         decoder.feed(bytes, &mut |record, _| {
             if let Record::Reply(reply) = record
                 && reply.command == question.command()
-                && heard == QuestionState::Nothing
+                && state == QuestionState::Nothing
             {
-                heard = self.judge_reply(&reply, question);
+                state = self.judge_reply(&reply, question);
             }
         });
         self.decoder = decoder;
-        heard
+        state
     }
 
     fn stream(&mut self, baud: Option<u32>) -> Vec<u8> {
@@ -253,7 +256,7 @@ impl UnitProtocol for Speech {
         self.counter = Counter::default();
     }
 
-    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+    fn decode(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
         let Self { decoder, settings, counter, rate, lost, doubtful, .. } = self;
         decoder.feed(bytes, &mut |record, _| {
             let Record::Frame(frame) = record else { return };

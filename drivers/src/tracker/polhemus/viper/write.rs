@@ -1,20 +1,7 @@
 //! Writes frames as a unit does, for virtual units and tests.
 
 use super::command::Reply;
-use super::{CRC, Frame, SENSOR, Sensor, TRAILER};
-
-/// Appends a frame around the body that `body` appends.
-pub(super) fn framed(preamble: &[u8; 4], to: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
-    let start = to.len();
-    to.extend(preamble);
-    to.extend([0; 4]);
-    body(to);
-    // Bodies have at most 1020 bytes.
-    let size = (to.len() - start - 8 + TRAILER) as u32;
-    to[start + 4..start + 8].copy_from_slice(&size.to_le_bytes());
-    let sum = CRC.checksum(&to[start..]);
-    to.extend(u32::from(sum).to_le_bytes());
-}
+use super::frame::{Frame, SENSOR, Sensor, framed};
 
 /// A frame of measurements to write.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,7 +1,7 @@
 // Draws measured figures in the view of the volume, where they turn with it, and the cross-hair
 // in the middle that keys mark.
 //
-// For tests and debugging, as `window.sonoweave.sight`: { projection }, three rows of four
+// For tests and debugging, as `window.sonoweave.projected`: { projection }, three rows of four
 // numbers. They take (x, y, z, 1) in world mm to (i, j, 1) · w in pixels.
 
 import { element, figure } from "./figures.js";
@@ -12,9 +12,9 @@ import { dot } from "./space.js";
 const LONG = 14;
 const GAP = 4;
 
-export class Sight {
+export class ViewFigures {
   #drawing;
-  #told = null;
+  #projection = null;
   #size = null;
   #lain = null;
   #figures = [];
@@ -27,15 +27,15 @@ export class Sight {
   }
 
   /// Receives the projection of the next and later pictures.
-  told({ projection }) {
-    this.#told = projection;
+  project({ projection }) {
+    this.#projection = projection;
   }
 
   /// Called after a picture was drawn.
   drawn({ width, height }) {
-    const same = this.open.projection === this.#told && this.#size?.[0] === width && this.#size?.[1] === height;
+    const same = this.open.projection === this.#projection && this.#size?.[0] === width && this.#size?.[1] === height;
     if (same) return;
-    this.open.projection = this.#told;
+    this.open.projection = this.#projection;
     this.#size = [width, height];
     this.#draw();
   }
@@ -56,7 +56,7 @@ export class Sight {
 
   /// Resets the projection, since another session may be running.
   restart() {
-    [this.#told, this.open.projection] = [null, null];
+    [this.#projection, this.open.projection] = [null, null];
     this.#draw();
   }
 

@@ -2,12 +2,12 @@
 // advice.
 
 import { rows, SIGNS, write } from "./account.js";
-import { coach } from "./words.js";
+import { guidance } from "./words.js";
 
 // More sentences are too many to follow at once.
-const SHOWN = 3;
+const MOST_ADVICE = 3;
 
-export class CoachCard {
+export class GuidanceCard {
   #of;
 
   /// `of(id)` returns the element of that id.
@@ -16,20 +16,20 @@ export class CoachCard {
   }
 
   /// Shows the session's scan guidance; null if the session has none.
-  tell(told) {
-    const { how, says, facts, gauge, advice } = coach(told);
-    const vital = this.#of("coach-vital");
+  show(status) {
+    const { how, says, facts, gauge, advice } = guidance(status);
+    const vital = this.#of("guidance-vital");
     vital.dataset.how = how;
     write(vital, `${SIGNS[how]} ${says}`);
     this.#gauge(gauge);
-    rows(this.#of("coach-facts"), facts);
+    rows(this.#of("guidance-facts"), facts);
     // Missed regions are already reported above.
     const more = advice.filter(({ key }) => key !== "holes");
-    rows(this.#of("coach-advice"), more.slice(0, SHOWN).map(({ how, sentence, more }) => ({ how, strong: sentence, says: more })));
+    rows(this.#of("guidance-advice"), more.slice(0, MOST_ADVICE).map(({ how, sentence, more }) => ({ how, strong: sentence, says: more })));
   }
 
   #gauge(gauge) {
-    const element = this.#of("coach-gauge");
+    const element = this.#of("guidance-gauge");
     element.hidden = gauge === null;
     if (gauge === null) return;
     const [even, thin, gaps, needle] = element.children;

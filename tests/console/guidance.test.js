@@ -31,7 +31,7 @@ const PRESENT = [[320, 120], [420, 110], [430, 260], [330, 270]];
 
 // Opens a page whose session's guidance is replaced by `coach`. Given `holes` replace the
 // session's marks.
-async function coached({ coach, holes, size = SIZES.desk }) {
+async function guided({ coach, holes, size = SIZES.desk }) {
   const { address } = await shared();
   const through = (socket) => {
     const server = socket.connectToServer();
@@ -49,17 +49,17 @@ async function coached({ coach, holes, size = SIZES.desk }) {
   return seen;
 }
 
-const vital = (page, words) => page.locator("#coach-vital", { hasText: words }).waitFor({ timeout: 30_000 });
+const vital = (page, words) => page.locator("#guidance-vital", { hasText: words }).waitFor({ timeout: 30_000 });
 
 test("a sweep at a good speed is told as one, and the present slice is marked where the view is", async () => {
-  const { page, complaints } = await coached({});
+  const { page, complaints } = await guided({});
   await drawn(page, "view", 1, 60_000);
   await vital(page, /✓ good · \d+ mm\/s/);
-  assert.match(await page.locator("#coach-gauge").getAttribute("aria-label"), /good: \d+ mm\/s; even up to \d+ mm\/s, without gaps up to \d+ mm\/s/);
-  assert.match(await page.locator("#coach-facts").innerText(), /images\/cm/);
-  assert.match(await page.locator(".card.coach").innerText(), /Nothing|nothing/);
-  const needle = await page.locator("#coach-gauge .needle").boundingBox();
-  const even = await page.locator("#coach-gauge .even").boundingBox();
+  assert.match(await page.locator("#guidance-gauge").getAttribute("aria-label"), /good: \d+ mm\/s; even up to \d+ mm\/s, without gaps up to \d+ mm\/s/);
+  assert.match(await page.locator("#guidance-facts").innerText(), /images\/cm/);
+  assert.match(await page.locator(".card.guidance").innerText(), /Nothing|nothing/);
+  const needle = await page.locator("#guidance-gauge .needle").boundingBox();
+  const even = await page.locator("#guidance-gauge .even").boundingBox();
   assert.ok(needle.x + needle.width / 2 <= even.x + even.width + 1, "the needle is in the zone that is good");
   await page.locator("#view-marks .present").waitFor({ state: "attached" });
   const [marks, view] = await Promise.all(["#view-marks", "#view"].map((id) => page.locator(id).boundingBox()));
@@ -72,24 +72,24 @@ test("a sweep at a good speed is told as one, and the present slice is marked wh
   assert.ok(corners.every((place, n) => place > -0.5 * [width, height][n % 2] && place < 1.5 * [width, height][n % 2]), path);
   assert.ok(await page.locator("#view-legend").isHidden());
   assert.deepEqual(complaints, []);
-  await shot(page, "coach-good");
+  await shot(page, "guidance-good");
 });
 
 test("what is too fast is said at the top, large on the card, and beside the zone that is good", async () => {
   for (const [name, size] of Object.entries(SIZES)) {
-    const { page, complaints } = await coached({ coach: TOO_FAST, holes: HOLES, size });
+    const { page, complaints } = await guided({ coach: TOO_FAST, holes: HOLES, size });
     await says(page, "Slow down: 182 mm/s where 155 mm/s leaves no gaps.");
     assert.match(await banner(page), /✕/);
     await vital(page, "✕ too fast · 182 mm/s");
-    const { fontSize } = await page.locator("#coach-vital").evaluate((element) => ({ fontSize: parseFloat(getComputedStyle(element).fontSize) }));
+    const { fontSize } = await page.locator("#guidance-vital").evaluate((element) => ({ fontSize: parseFloat(getComputedStyle(element).fontSize) }));
     assert.ok(fontSize >= 25, `${fontSize} px`);
-    const cut = await page.locator("#coach-vital").evaluate((element) => element.scrollWidth > element.clientWidth);
+    const cut = await page.locator("#guidance-vital").evaluate((element) => element.scrollWidth > element.clientWidth);
     assert.equal(cut, false, `${name}: the speed is read whole`);
-    assert.match(await page.locator("#coach-facts").innerText(), /1\.6|1\.7/);
-    assert.match(await page.locator("#coach-facts").innerText(), /2 parts\s+left out: go back 14 mm/);
-    assert.match(await page.locator("#coach-advice").innerText(), /Slow down: 182/);
-    const needle = await page.locator("#coach-gauge .needle").boundingBox();
-    const gaps = await page.locator("#coach-gauge .gaps").boundingBox();
+    assert.match(await page.locator("#guidance-facts").innerText(), /1\.6|1\.7/);
+    assert.match(await page.locator("#guidance-facts").innerText(), /2 parts\s+left out: go back 14 mm/);
+    assert.match(await page.locator("#guidance-advice").innerText(), /Slow down: 182/);
+    const needle = await page.locator("#guidance-gauge .needle").boundingBox();
+    const gaps = await page.locator("#guidance-gauge .gaps").boundingBox();
     assert.ok(needle.x + needle.width / 2 >= gaps.x, "the needle is where gaps are");
     await page.locator("#view-marks .hole").first().waitFor({ state: "attached" });
     assert.equal(await page.locator("#view-marks .hole").count(), 2);
@@ -98,14 +98,14 @@ test("what is too fast is said at the top, large on the card, and beside the zon
     const { violations } = await page.evaluate(() => axe.run());
     assert.deepEqual(violations.map(({ id, nodes }) => `${id} ${nodes.map(({ html }) => html).join()}`), [], name);
     assert.deepEqual(complaints, []);
-    await shot(page, `coach-${name}`);
+    await shot(page, `guidance-${name}`);
   }
 });
 
 test("lost contact is said at the top with what to do", async () => {
   const advice = [{ how: "bad", key: "contact", sentence: "No contact: add gel and press the probe on.", more: "Nothing comes back from the depth of the picture." }];
-  const { page } = await coached({ coach: { contact: "lost", advice } });
+  const { page } = await guided({ coach: { contact: "lost", advice } });
   await says(page, "No contact: add gel and press the probe on.");
-  assert.match(await page.locator("#coach-facts").innerText(), /no contact/);
+  assert.match(await page.locator("#guidance-facts").innerText(), /no contact/);
   assert.match(await page.locator("#announcer").textContent(), /No contact/);
 });

@@ -1,0 +1,113 @@
+//! The newest status of a session, and the settings that clients can query.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use config::bedside::Effective;
+use guidance::GuidanceStatus;
+use measure::Uncertainty;
+use pipeline::live::SessionStatus;
+use statistics::LiveStatistics;
+
+/// Description of a session for pages.
+#[derive(Debug, Clone, Default)]
+pub struct About {
+    /// Name of the session: its configuration's name.
+    pub name: String,
+    /// Kind of session: live, demo or replay.
+    pub kind: &'static str,
+    /// Pixels of the B-mode image to the right and down, if known.
+    pub size: Option<[u32; 2]>,
+    /// Pixel spacing, mm, by the calibration.
+    pub pixel_mm: Option<[f64; 2]>,
+}
+
+/// A session whose status is older than this has stalled.
+pub(super) const STALE: Duration = Duration::from_secs(5);
+
+/// Settings of a session that clients can query.
+#[derive(Debug, Clone, Default)]
+pub struct Basis {
+    /// The session's settings, key by key.
+    pub config: Effective,
+    /// Uncertainty of measured places.
+    pub uncertainty: Uncertainty,
+    /// Description of the session's pictures.
+    pub about: About,
+}
+
+/// The newest status of a session, for clients.
+#[derive(Debug)]
+pub struct Latest {
+    began: Instant,
+    pub(super) report: Mutex<Report>,
+}
+
+/// The last report.
+#[derive(Debug, Clone)]
+pub(super) struct Report {
+    pub(super) at: Instant,
+    pub(super) account: Arc<SessionStatus>,
+    pub(super) guidance: Option<Arc<GuidanceStatus>>,
+    pub(super) basis: Arc<Basis>,
+    pub(super) still: Vec<String>,
+    pub(super) ended: bool,
+}
+
+impl Default for Latest {
+    fn default() -> Self {
+        Self::new(Basis::default())
+    }
+}
+
+impl Latest {
+    /// Starts the status of a session that begins now, with these settings.
+    pub fn new(basis: Basis) -> Self {
+        let began = Instant::now();
+        let report = Report {
+            at: began,
+            account: Arc::default(),
+            guidance: None,
+            basis: Arc::new(basis),
+            still: Vec::new(),
+            ended: false,
+        };
+        Self { began, report: Mutex::new(report) }
+    }
+
+    /// Stores the present status and the stalled stages.
+    pub fn publish(&self, account: &SessionStatus, still: &[String]) {
+        let (account, still) = (Arc::new(account.clone()), still.to_vec());
+        let mut report = self.lock();
+        (report.at, report.account, report.still) = (Instant::now(), account, still);
+    }
+
+    /// Stores the present scan guidance.
+    pub fn publish_guidance(&self, guidance: GuidanceStatus) {
+        self.lock().guidance = Some(Arc::new(guidance));
+    }
+
+    /// Records that the session is ending: from now on it only finishes its output.
+    pub fn end(&self) {
+        self.lock().ended = true;
+    }
+
+    /// Replaces the settings from now on.
+    pub fn adopt(&self, basis: Basis) {
+        self.lock().basis = Arc::new(basis);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Report> {
+        self.report.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the last report.
+    pub(super) fn report(&self) -> Report {
+        self.lock().clone()
+    }
+
+    pub(super) fn statistics<'a>(&'a self, report: &'a Report) -> LiveStatistics<'a> {
+        LiveStatistics::new(&report.account, report.at.duration_since(self.began), &report.basis.config)
+            .with_guidance(report.guidance.as_deref())
+    }
+}

@@ -1,0 +1,12 @@
+//! Devices that drivers find.
+
+/// A device found by [`Driver::list`](crate::Driver::list).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Listing {
+    /// Identifier used in settings.
+    pub id: String,
+    /// Description for the user.
+    pub description: String,
+    /// Why the device cannot be opened; `None` if it can.
+    pub unavailable: Option<String>,
+}
