@@ -1,5 +1,6 @@
 //! The console's HTTP interface for programs: the same commands and status that pages use.
 
+use std::fmt::Display;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -14,7 +15,8 @@ use tokio::time::timeout;
 use measure::Place;
 
 use super::encoded_frame::{EncodedFrame, Kind};
-use super::message::{ClientMessage, ONLY_PAGES};
+use super::message::ClientMessage;
+use super::request_error::RequestError;
 use super::served::Served;
 use super::{snapshot, status};
 
@@ -28,7 +30,7 @@ const DESCRIPTION: &str = include_str!("openapi.json");
 /// Executes the message in the request's body.
 pub(super) async fn execute(State(served): State<Served>, body: String) -> Response {
     let message = match ClientMessage::parse(&body) {
-        Ok(ClientMessage::Page(_)) => return refused(StatusCode::UNPROCESSABLE_ENTITY, ONLY_PAGES),
+        Ok(ClientMessage::Page(_)) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &RequestError::PagesOnly),
         Ok(message) => message,
         Err(why) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
     };
@@ -41,8 +43,8 @@ pub(super) async fn execute(State(served): State<Served>, body: String) -> Respo
     }
 }
 
-fn refused(status: StatusCode, why: &str) -> Response {
-    json_response(status, &json!({ "refused": why }))
+fn refused(status: StatusCode, why: &(impl Display + ?Sized)) -> Response {
+    json_response(status, &json!({ "refused": why.to_string() }))
 }
 
 fn json_response(status: StatusCode, value: &Value) -> Response {
@@ -77,7 +79,7 @@ pub(super) async fn pick(State(served): State<Served>, body: String) -> Response
     let broadcaster = &served.session.broadcaster;
     let request = serde_json::from_str::<Pointed>(&body)
         .map_err(|error| format!("this is not a point of the picture: {error}"))
-        .and_then(|Pointed { at }| broadcaster.pick(at));
+        .and_then(|Pointed { at }| broadcaster.pick(at).map_err(|why| why.to_string()));
     let answer = match request {
         Ok(answer) => answer,
         Err(why) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &why),

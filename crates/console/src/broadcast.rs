@@ -24,6 +24,7 @@ use super::marks::Marks;
 use super::orbit_camera::{OrbitCamera, Steer};
 use super::pick::{Answer, Picks};
 use super::planes::{self, Move, Planes};
+use super::request_error::RequestError;
 use super::style::{Choice, ConfiguredStyle, PresentStyle};
 
 /// Interval at which the render thread polls for a new view while a page views it. A user
@@ -125,8 +126,8 @@ impl FrameBroadcaster {
     /// height.
     ///
     /// # Errors
-    /// A sentence for a point outside the picture.
-    pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+    /// [`RequestError`] for a point outside the picture.
+    pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, RequestError> {
         self.picks.request(at)
     }
 
@@ -223,24 +224,24 @@ impl FrameBroadcaster {
     /// Changes the view.
     ///
     /// # Errors
-    /// A sentence for an invalid command; the view stays.
-    pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
+    /// [`RequestError`] for an invalid command; the view stays.
+    pub(super) fn steer(&self, steer: Steer) -> Result<(), RequestError> {
         self.camera().steer(steer)
     }
 
     /// Moves planes, or changes their window.
     ///
     /// # Errors
-    /// A sentence for an invalid command; the planes stay.
-    pub(super) fn move_planes(&self, what: Move) -> Result<(), String> {
+    /// [`RequestError`] for an invalid command; the planes stay.
+    pub(super) fn move_planes(&self, what: Move) -> Result<(), RequestError> {
         self.planes().steer(what)
     }
 
     /// Changes the style of the volume's picture.
     ///
     /// # Errors
-    /// A sentence for an invalid choice; the style stays.
-    pub(super) fn choose(&self, choice: Choice) -> Result<(), String> {
+    /// [`RequestError`] for an invalid choice; the style stays.
+    pub(super) fn choose(&self, choice: Choice) -> Result<(), RequestError> {
         self.style().choose(choice)?;
         self.style_changes.send_modify(|changes| *changes += 1);
         Ok(())

@@ -44,6 +44,7 @@ mod page;
 mod pick;
 pub mod planes;
 mod quality;
+mod request_error;
 mod routes;
 mod served;
 mod server;

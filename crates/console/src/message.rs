@@ -10,12 +10,10 @@ use pipeline::command::Command;
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
+use super::request_error::RequestError;
 use super::served::{ConsoleSession, Served};
 use super::snapshot;
 use super::style::Choice;
-
-/// Refusal of a program's message that concerns a page's connection.
-pub(super) const ONLY_PAGES: &str = "this command is possible over a WebSocket only; connect to /v1/stream";
 
 /// A message's JSON form.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -162,16 +160,15 @@ impl ClientMessage {
     /// Parses a message.
     ///
     /// # Errors
-    /// A sentence if the text is not a valid message.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    /// [`RequestError`] if the text is not a valid message.
+    pub(super) fn parse(text: &str) -> Result<Self, RequestError> {
         let json = serde_json::from_str(text);
-        let json = json.map_err(|error| format!("this is not a valid command: {error}"))?;
+        let json = json.map_err(|error: serde_json::Error| RequestError::Command(error.to_string()))?;
         Ok(match json {
             MessageJson::Show { slice, view, planes } => Self::Page(PageMessage::Show { slice, view, planes }),
             MessageJson::Shown { kind, sequence, had_ms } => {
                 let had = Duration::try_from_secs_f64(had_ms / 1e3);
-                let had =
-                    had.map_err(|_| format!("had_ms must be a number of milliseconds from 0 up, not {had_ms}"))?;
+                let had = had.map_err(|_| RequestError::Duration(had_ms))?;
                 Self::Page(PageMessage::Shown { kind, sequence, had })
             }
             MessageJson::Control {} => Self::Page(PageMessage::Control),
@@ -201,18 +198,20 @@ impl ClientMessage {
     /// anyway.
     ///
     /// # Errors
-    /// A sentence; nothing has changed.
-    pub(super) fn execute(self, served: &Served) -> Result<Option<String>, String> {
+    /// [`RequestError`]; nothing has changed.
+    pub(super) fn execute(self, served: &Served) -> Result<Option<String>, RequestError> {
         let ConsoleSession { broadcaster, controller, .. } = &served.session;
         match self {
-            Self::Command(command) => controller.execute(command).map(Some),
-            Self::Replay(settings) => controller.again(settings).map(Some),
+            Self::Command(command) => controller.execute(command).map(Some).map_err(RequestError::of_session),
+            Self::Replay(settings) => controller.again(settings).map(Some).map_err(RequestError::of_session),
             Self::View(ViewMessage::Steer(steer)) => broadcaster.steer(steer).map(|()| None),
             Self::View(ViewMessage::Move(planes)) => broadcaster.move_planes(planes).map(|()| None),
             Self::View(ViewMessage::Style(choice)) => broadcaster.choose(choice).map(|()| None),
-            Self::View(ViewMessage::Frame(number)) => controller.show_frame(number).map(|()| None),
+            Self::View(ViewMessage::Frame(number)) => {
+                controller.show_frame(number).map(|()| None).map_err(RequestError::of_session)
+            }
             Self::View(ViewMessage::Snapshot) => snapshot::keep(served).map(Some),
-            Self::Page(_) => Err(ONLY_PAGES.into()),
+            Self::Page(_) => Err(RequestError::PagesOnly),
         }
     }
 }
@@ -248,7 +247,7 @@ mod tests {
         assert_eq!(ClientMessage::parse("{\"do\":\"control\"}"), Ok(ClientMessage::Page(PageMessage::Control)));
         for text in ["", "{}", "{\"do\":\"reboot\"}", "{\"do\":\"freeze\"}", "{\"do\":\"save\",\"to\":\"/etc\"}", "[1]"]
         {
-            let why = ClientMessage::parse(text).unwrap_err();
+            let why = ClientMessage::parse(text).unwrap_err().to_string();
             assert!(why.starts_with("this is not a valid command: "), "{text}: {why}");
         }
     }
@@ -262,6 +261,7 @@ mod tests {
             assert!(
                 shown(&format!(",\"had_ms\":{wrong}"))
                     .unwrap_err()
+                    .to_string()
                     .starts_with("had_ms must be a number of milliseconds from 0 up, not ")
             );
         }

@@ -6,6 +6,8 @@ use serde::Deserialize;
 use render::Renderer;
 use render::camera::{Axes, Camera, View};
 
+use super::request_error::RequestError;
+
 /// Range of the zoom, in doublings.
 const ZOOMS: [f64; 2] = [-2.0, 6.0];
 /// Largest rotation per command, degrees.
@@ -95,19 +97,19 @@ impl OrbitCamera {
     /// Changes the view.
     ///
     /// # Errors
-    /// A sentence for an invalid turn, zoom or place; the view stays.
-    pub(super) fn steer(&mut self, steer: Steer) -> Result<(), String> {
+    /// [`RequestError`] for an invalid turn, zoom or place; the view stays.
+    pub(super) fn steer(&mut self, steer: Steer) -> Result<(), RequestError> {
         let view = self.view.unwrap_or(self.home);
         self.view = match steer {
             Steer::Turn { right, up, clockwise } => {
                 if [right, up, clockwise].iter().any(|angle| !(-MOST_TURN..=MOST_TURN).contains(angle)) {
-                    return Err(format!("a view turns by {MOST_TURN}° at most at a time"));
+                    return Err(RequestError::ViewTurn(MOST_TURN));
                 }
                 Some(turned(&view, right, up, clockwise))
             }
             Steer::Zoom(by) => {
                 if !by.is_finite() {
-                    return Err("a zoom must be a finite number of doublings".into());
+                    return Err(RequestError::Zoom);
                 }
                 Some(View { zoom: (view.zoom + by).clamp(ZOOMS[0], ZOOMS[1]), ..view })
             }
@@ -119,12 +121,12 @@ impl OrbitCamera {
     }
 
     /// Returns the world point at a point of the picture, in the middle of its depth.
-    fn place(&self, at: [f64; 2]) -> Result<Option<DVec3>, String> {
+    fn place(&self, at: [f64; 2]) -> Result<Option<DVec3>, RequestError> {
         if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
-            return Err("a point in the picture must be two fractions of its sides, from 0 to 1".into());
+            return Err(RequestError::PicturePoint);
         }
         let Some(LastPicture { camera, world_from_region }) = self.shown else {
-            return Err("there is no picture yet to centre a point in".into());
+            return Err(RequestError::NoPicture);
         };
         let [width, height] = camera.size().map(f64::from);
         let ray = camera.ray_through([at[0] * width - 0.5, at[1] * height - 0.5]);
@@ -198,7 +200,7 @@ mod tests {
         let mut renderer = Renderer::new(&settings, stage).unwrap();
         let mut sight = OrbitCamera::default();
         assert_eq!(sight.view(home), home);
-        assert!(sight.steer(Steer::Centre([0.2, 0.3])).unwrap_err().contains("no picture yet"));
+        assert!(sight.steer(Steer::Centre([0.2, 0.3])).unwrap_err().to_string().contains("no picture yet"));
         sight.drawn(&renderer);
         sight.steer(Steer::Zoom(1.5)).unwrap();
         sight.steer(Steer::Centre([0.2, 0.3])).unwrap();
@@ -214,7 +216,7 @@ mod tests {
             (Steer::Zoom(f64::INFINITY), "doublings"),
             (Steer::Centre([0.5, 1.1]), "from 0 to 1"),
         ] {
-            assert!(sight.steer(steer).unwrap_err().contains(sentence));
+            assert!(sight.steer(steer).unwrap_err().to_string().contains(sentence));
             assert_eq!(sight.view(home), view, "what is refused changes nothing");
         }
         for _ in 0..9 {

@@ -8,11 +8,13 @@ use tokio::sync::oneshot;
 
 use render::{Picked, Renderer};
 
+use super::request_error::RequestError;
+
 /// Largest number of waiting requests; beyond it the oldest are dropped.
 const MOST: usize = 32;
 
-/// The answer: a place, or a sentence for the reason that there is none.
-pub(super) type Answer = Result<Picked, String>;
+/// The answer: a place, or the reason that there is none.
+pub(super) type Answer = Result<Picked, RequestError>;
 
 /// Requests waiting for the render thread.
 #[derive(Debug, Default)]
@@ -39,10 +41,10 @@ impl Picks {
     /// rendered, or if there are too many requests.
     ///
     /// # Errors
-    /// A sentence for a point outside the picture.
-    pub(super) fn request(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+    /// [`RequestError::PicturePoint`] for a point outside the picture.
+    pub(super) fn request(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, RequestError> {
         if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
-            return Err("a point in the picture must be two fractions of its sides, from 0 to 1".into());
+            return Err(RequestError::PicturePoint);
         }
         let (answer, answered) = oneshot::channel();
         let mut waiting = self.waiting();
@@ -68,11 +70,11 @@ impl Picks {
     }
 
     fn picked(&self, [x, y]: [f64; 2], shown: Option<&Renderer>) -> Answer {
-        let renderer = shown.ok_or("there is no volume yet to select a point in")?;
+        let renderer = shown.ok_or(RequestError::NoVolume("select a point"))?;
         let [width, height] = renderer.camera().size().map(f64::from);
         self.cast.fetch_add(1, Ordering::Relaxed);
         let picked = renderer.pick([x * width - 0.5, y * height - 0.5]);
-        picked.ok_or_else(|| "nothing opaque is visible there; point at something else".into())
+        picked.ok_or(RequestError::NothingVisible)
     }
 
     /// Returns the number of rays cast for answers.
@@ -88,7 +90,7 @@ mod tests {
     #[test]
     fn picks_answered_once_and_excess_dropped() {
         let picks = Picks::default();
-        assert!(picks.request([0.5, f64::NAN]).unwrap_err().contains("from 0 to 1"));
+        assert!(picks.request([0.5, f64::NAN]).unwrap_err().to_string().contains("from 0 to 1"));
         picks.answer(None);
         let mut requests: Vec<_> = (0..MOST + 3).map(|_| picks.request([0.5; 2]).unwrap()).collect();
         assert_eq!(picks.waiting().len(), MOST);
@@ -97,7 +99,7 @@ mod tests {
         drop(picks.request([0.1; 2]).unwrap());
         assert_eq!(picks.waiting().len(), 8, "whoever has gone is forgotten");
         picks.answer(None);
-        assert!(requests[9].try_recv().unwrap().unwrap_err().contains("no volume yet"));
+        assert!(requests[9].try_recv().unwrap().unwrap_err().to_string().contains("no volume yet"));
         assert_eq!((picks.waiting().len(), picks.cast()), (0, 0));
     }
 }

@@ -9,6 +9,7 @@ use pipeline::live::{Extent, PlaneImage, PlaneRequest};
 use render::section::{Plane, Sampled, Section};
 
 use super::encoded_frame::{Kind, Pixmap};
+use super::request_error::RequestError;
 
 /// Most pixels along a side.
 const MOST_PX: u32 = 512;
@@ -171,24 +172,22 @@ impl Planes {
     /// Executes a command.
     ///
     /// # Errors
-    /// A sentence for an invalid command, which changes nothing.
-    pub(super) fn steer(&mut self, what: Move) -> Result<(), String> {
+    /// [`RequestError`] for an invalid command, which changes nothing.
+    pub(super) fn steer(&mut self, what: Move) -> Result<(), RequestError> {
         match what {
             Move::Cross(at) => self.cross = Some(self.inside(at)?),
             Move::Tilt { right, up, clockwise } => {
                 if [right, up, clockwise].iter().any(|angle| !(-MOST_TURN..=MOST_TURN).contains(angle)) {
-                    return Err(format!("the free plane turns by {MOST_TURN}° at most at a time"));
+                    return Err(RequestError::PlaneTurn(MOST_TURN));
                 }
-                let extent = self.extent.ok_or("there is no volume yet to turn a plane in")?;
+                let extent = self.extent.ok_or(RequestError::NoVolume("turn a plane"))?;
                 self.free = Some(turned(self.free(&extent), right, up, clockwise));
             }
             Move::Window([black, white]) => {
                 let fits = [black, white].iter().all(|grey| (-MOST_GREY..=MOST_GREY).contains(grey));
                 // Both must also differ in single precision.
                 if !fits || white as f32 <= black as f32 {
-                    return Err(format!(
-                        "a window must be the grey level of black and a larger one of white, within ±{MOST_GREY}"
-                    ));
+                    return Err(RequestError::Window(MOST_GREY));
                 }
                 self.window = Some([black as f32, white as f32]);
                 self.window_changes += 1;
@@ -203,11 +202,11 @@ impl Planes {
         Ok(())
     }
 
-    fn inside(&self, at: [f64; 3]) -> Result<DVec3, String> {
+    fn inside(&self, at: [f64; 3]) -> Result<DVec3, RequestError> {
         if at.iter().any(|x| !x.is_finite()) {
-            return Err("the crossing point of planes must be three finite numbers, world mm".into());
+            return Err(RequestError::CrossingPoint);
         }
-        let extent = self.extent.ok_or("there is no volume yet to move planes in")?;
+        let extent = self.extent.ok_or(RequestError::NoVolume("move planes"))?;
         let at = DVec3::from_array(at);
         let lattice = extent.place.lattice_from_world().transform_point3(at);
         let is_inside = (0..3).all(|a| {
@@ -219,12 +218,7 @@ impl Planes {
         }
         let [low, high] = extent.place.world_bounds();
         let text = |at: DVec3| at.to_array().map(|x| format!("{x:.1}")).join(", ");
-        Err(format!(
-            "the point {} mm lies outside the volume, which extends from {} to {} mm",
-            text(at),
-            text(low),
-            text(high)
-        ))
+        Err(RequestError::OutsideVolume { at: text(at), low: text(low), high: text(high) })
     }
 
     /// Returns the description that precedes a plane's picture.
@@ -390,9 +384,13 @@ mod tests {
     #[test]
     fn invalid_plane_command_is_refused_and_changes_nothing() {
         let mut planes = Planes::default();
-        assert!(planes.steer(Move::Cross([0.0; 3])).unwrap_err().contains("no volume yet"));
+        assert!(planes.steer(Move::Cross([0.0; 3])).unwrap_err().to_string().contains("no volume yet"));
         assert!(
-            planes.steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 }).unwrap_err().contains("no volume yet")
+            planes
+                .steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 })
+                .unwrap_err()
+                .to_string()
+                .contains("no volume yet")
         );
         let before = all(&mut planes);
         for (what, sentence) in [
@@ -405,7 +403,7 @@ mod tests {
             (Move::Window([0.0, f64::NAN]), "larger one"),
             (Move::Window([1e6, 1e6 + 1e-9]), "larger one"),
         ] {
-            let refused = planes.steer(what).unwrap_err();
+            let refused = planes.steer(what).unwrap_err().to_string();
             assert!(refused.contains(sentence), "{refused}");
             assert_eq!((all(&mut planes), planes.window(), planes.turn), (before.clone(), [0.0, 255.0], 0));
         }

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use image::{ExtendedColorType, ImageEncoder as _, RgbImage};
+use image::{ExtendedColorType, ImageEncoder as _, ImageResult, RgbImage};
 
 use export::picture::write_rgb;
 use pipeline::control::Progress;
 
 use super::encoded_frame::{EncodedFrame, Kind, Pixmap};
+use super::request_error::RequestError;
 use super::served::Served;
 
 /// Largest snapshot number in a folder.
@@ -28,16 +29,16 @@ impl Drop for Busy {
 /// controller reports the result.
 ///
 /// # Errors
-/// A sentence if there is no picture, or no folder to write to.
-pub(super) fn keep(served: &Served) -> Result<String, String> {
+/// [`RequestError`] if there is no picture, or no folder to write to.
+pub(super) fn keep(served: &Served) -> Result<String, RequestError> {
     let (controller, broadcaster) = (&served.session.controller, &served.session.broadcaster);
-    let folder = controller.folder()?.to_owned();
+    let folder = controller.folder().map_err(RequestError::of_session)?.to_owned();
     let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| broadcaster.newest(kind)).collect();
     if shots.is_empty() {
-        return Err("there is no picture yet to save".into());
+        return Err(RequestError::NothingToSave);
     }
     if served.snapping.swap(true, Ordering::Relaxed) {
-        return Err("the last snapshot is still being written; wait for it".into());
+        return Err(RequestError::SnapshotBusy);
     }
     let (busy, controller) = (Busy(Arc::clone(&served.snapping)), Arc::clone(controller));
     let write = move || {
@@ -49,7 +50,7 @@ pub(super) fn keep(served: &Served) -> Result<String, String> {
         drop(busy);
     };
     let begun = std::thread::Builder::new().name("snapshot".into()).spawn(write);
-    begun.map_err(|error| format!("cannot start a thread for it: {error}"))?;
+    begun.map_err(|error| RequestError::SnapshotThread(error.to_string()))?;
     Ok("the pictures are being saved".into())
 }
 
@@ -92,14 +93,14 @@ fn rgb(shot: &EncodedFrame) -> Option<RgbImage> {
 /// Encodes a picture as PNG.
 ///
 /// # Errors
-/// A sentence.
-pub(super) fn png(shot: &EncodedFrame) -> Result<Vec<u8>, String> {
+/// The encoder's.
+pub(super) fn png(shot: &EncodedFrame) -> ImageResult<Vec<u8>> {
     let (pixels, colour) = match &shot.pixels {
         Pixmap::Grey(pixels) => (pixels, ExtendedColorType::L8),
         Pixmap::Colour(pixels) => (pixels, ExtendedColorType::Rgb8),
     };
     let mut bytes = Vec::new();
     let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-    encoder.write_image(pixels, shot.size[0], shot.size[1], colour).map_err(|error| error.to_string())?;
+    encoder.write_image(pixels, shot.size[0], shot.size[1], colour)?;
     Ok(bytes)
 }

@@ -368,7 +368,7 @@ impl<'a> Page<'a> {
         let message = match ClientMessage::parse(&text) {
             Ok(ClientMessage::Page(message)) => return self.page(message),
             Ok(message) => message,
-            Err(why) => return MessageOutcome::Refused(why),
+            Err(why) => return MessageOutcome::Refused(why.to_string()),
         };
         if !self.subscription.steers() {
             return MessageOutcome::Refused("another page controls this session; take over control first".into());
@@ -377,7 +377,7 @@ impl<'a> Page<'a> {
             // The picture itself shows that the view has turned.
             Ok(None) => MessageOutcome::Fine,
             Ok(Some(text)) => MessageOutcome::Done(text),
-            Err(why) => MessageOutcome::Refused(why),
+            Err(why) => MessageOutcome::Refused(why.to_string()),
         }
     }
 

@@ -6,6 +6,8 @@ use serde_json::{Value, json};
 use render::RenderSettings;
 use render::classify::transfer::{Curve, Opacity, Transfer};
 
+use super::request_error::RequestError;
+
 /// Most points that a page may give for an opacity curve.
 const MOST_POINTS: usize = 16;
 /// Largest accepted magnitude of a grey value.
@@ -68,9 +70,9 @@ impl PresentStyle {
     /// Chooses a style.
     ///
     /// # Errors
-    /// A sentence if the choice yields no valid transfer function; the previous choice stays.
-    pub(super) fn choose(&mut self, choice: Choice) -> Result<(), String> {
-        let configured = self.configured.as_ref().ok_or("no volume is drawn in this session")?;
+    /// [`RequestError`] if the choice yields no valid transfer function; the previous choice stays.
+    pub(super) fn choose(&mut self, choice: Choice) -> Result<(), RequestError> {
+        let configured = self.configured.as_ref().ok_or(RequestError::NoStyle)?;
         made(configured, &choice)?;
         if self.choice != choice {
             self.choice = choice;
@@ -100,26 +102,27 @@ impl PresentStyle {
 }
 
 /// Returns the transfer function of a choice.
-fn made(configured: &ConfiguredStyle, Choice { preset, points }: &Choice) -> Result<Transfer, String> {
+fn made(configured: &ConfiguredStyle, Choice { preset, points }: &Choice) -> Result<Transfer, RequestError> {
     let base = match preset {
-        Some(name) => Transfer::preset(name, configured.range.map(f64::from)).map_err(|error| error.to_string())?,
+        Some(name) => Transfer::preset(name, configured.range.map(f64::from))
+            .map_err(|error| RequestError::Transfer(error.to_string()))?,
         None => configured.transfer.clone(),
     };
     let Some(points) = points else { return Ok(base) };
     if points.len() > MOST_POINTS {
-        return Err(format!("an opacity curve can have {MOST_POINTS} points at most, not {}", points.len()));
+        return Err(RequestError::CurvePoints { most: MOST_POINTS, given: points.len() });
     }
     if let Some([grey, _]) = points.iter().find(|[grey, _]| !(-MOST_GREY..=MOST_GREY).contains(grey)) {
-        return Err(format!("a point of the opacity curve is at {grey}: give grey levels within ±{MOST_GREY}"));
+        return Err(RequestError::CurveGrey { grey: *grey, most: MOST_GREY });
     }
     let points: Vec<(f64, f64)> = points.iter().map(|[grey, opacity]| (*grey, *opacity)).collect();
-    let curve = Curve::new(&points).map_err(|error| format!("a point of the opacity curve {error}"))?;
+    let curve = Curve::new(&points).map_err(|error| RequestError::Curve(error.to_string()))?;
     let transfer = Transfer::new(Opacity::Curve(curve), base.unit_mm(), base.colours().clone());
     match base.gradient() {
         Some(gradient) => transfer.and_then(|transfer| transfer.with_gradient(gradient.clone())),
         None => transfer,
     }
-    .map_err(|error| error.to_string())
+    .map_err(|error| RequestError::Transfer(error.to_string()))
 }
 
 #[cfg(test)]
@@ -145,7 +148,7 @@ mod tests {
     #[test]
     fn style_choice_applies_and_invalid_choice_changes_nothing() {
         let mut style = PresentStyle::default();
-        assert!(style.choose(Choice::default()).unwrap_err().contains("no volume is drawn"));
+        assert!(style.choose(Choice::default()).unwrap_err().to_string().contains("no volume is drawn"));
         assert_eq!(style.to_json()["dress"], Value::Null);
         assert!(style.configure(configured()) && !style.configure(configured()));
         assert_eq!((style.number(), applied(&style)), (0, configured().transfer));
@@ -174,10 +177,10 @@ mod tests {
             (vec![[2e6, 0.5]], "within ±1000000"),
             ((0..17).map(|n| [f64::from(n), 0.5]).collect(), "16 points at most"),
         ] {
-            let refused = style.choose(Choice { preset: None, points: Some(points) }).unwrap_err();
+            let refused = style.choose(Choice { preset: None, points: Some(points) }).unwrap_err().to_string();
             assert!(refused.contains(sentence), "{refused}");
         }
-        let unknown = style.choose(Choice { preset: Some("velvet".into()), points: None }).unwrap_err();
+        let unknown = style.choose(Choice { preset: Some("velvet".into()), points: None }).unwrap_err().to_string();
         assert!(unknown.contains("\"velvet\"") && unknown.contains("xray"), "{unknown}");
         assert_eq!((style.number(), style.to_json(), applied(&style)), (number, to_json, transfer));
         style.choose(Choice::default()).unwrap();

@@ -77,7 +77,7 @@ impl ViewerSlots {
         ViewerSlot { slots: Arc::clone(self), number, evicted, _permit: permit }
     }
 
-    /// Tells the longest inactive page to leave, at most once per page. Returns whether there
+    /// Evicts the longest inactive page, each page at most once. Returns whether there
     /// was one.
     fn evicts(&self, now: Instant) -> bool {
         let mut pages = self.pages();
@@ -148,9 +148,9 @@ mod tests {
             assert!(slots.evicts(after(600)), "it has rested since it began to");
             let is_sent = async |slot: &ViewerSlot| timeout(Duration::from_millis(1), slot.evicted()).await.is_ok();
             assert!(is_sent(&held[5]).await && !is_sent(&held[2]).await && !is_sent(&held[6]).await);
-            assert!(!slots.evicts(after(600)), "nobody is sent away twice");
+            assert!(!slots.evicts(after(600)), "no page is evicted twice");
             assert!(slots.evicts(after(601)) && is_sent(&held[2]).await);
-            assert!(!slots.evicts(after(9999)), "the others look, or steer");
+            assert!(!slots.evicts(after(9999)), "the others view pictures, or have control");
             // A replaced page frees its slot for the waiting one; a page that does not leave
             // keeps its slot.
             let slots = Arc::new(ViewerSlots::new(Duration::ZERO));

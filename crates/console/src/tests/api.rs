@@ -136,7 +136,7 @@ fn openapi_describes_every_path_and_command() {
     let mut words: Vec<&str> =
         messages.iter().map(|message| message["properties"]["do"]["const"].as_str().unwrap()).collect();
     words.sort_unstable();
-    let why = message::ClientMessage::parse("{\"do\":\"?\"}").unwrap_err();
+    let why = message::ClientMessage::parse("{\"do\":\"?\"}").unwrap_err().to_string();
     let mut known: Vec<&str> = why.split('`').skip(3).step_by(2).collect();
     known.retain(|word| !["show", "shown", "control"].contains(word));
     known.sort_unstable();

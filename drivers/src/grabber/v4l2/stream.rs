@@ -26,7 +26,7 @@ pub(crate) struct Filled {
 
 /// Buffers shared with the kernel, streaming for as long as this value lives.
 ///
-/// Each buffer belongs either to the kernel (queued) or to us. Only [`Stream::take`] takes one,
+/// Each buffer belongs either to the kernel (queued) or to us. Only [`Stream::read`] takes one,
 /// and it gives it back after its closure has returned.
 pub(crate) struct Stream {
     node: Arc<Node>,
