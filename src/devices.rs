@@ -65,16 +65,16 @@ pub enum OpenError {
 /// [`OpenError`].
 pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices, OpenError> {
     let clock: Arc<dyn Clock> = Arc::new(Monotonic);
-    let hand = bedside.rehearsal.as_ref().map(|rehearsal| {
-        let hand = phantom::Bedside::new(Scan::clone(&rehearsal.scan), begin_ns);
-        (Arc::new(hand), rehearsal)
+    let hand = bedside.virtual_bedside.as_ref().map(|virtual_bedside| {
+        let hand = phantom::Bedside::new(Scan::clone(&virtual_bedside.scan), begin_ns);
+        (Arc::new(hand), virtual_bedside)
     });
     let mut twins = Vec::new();
     let settings = match (&bedside.tracking, &hand) {
-        (Tracking::Tracker(tracker), Some((hand, rehearsal))) if tracker.port.is_none() => {
+        (Tracking::Tracker(tracker), Some((hand, virtual_bedside))) if tracker.port.is_none() => {
             let TrackerNoise { position_mm, rotation_degrees } = hand.scan().settings().tracker_noise;
-            let motion = trembling(hand.motion(), position_mm, rotation_degrees, rehearsal.line.seed);
-            let twin = twin(tracker, seen_by(tracker.roles, motion), rehearsal.line);
+            let motion = trembling(hand.motion(), position_mm, rotation_degrees, virtual_bedside.line.seed);
+            let twin = twin(tracker, seen_by(tracker.roles, motion), virtual_bedside.line);
             let twin = twin.map_err(OpenError::Line)?;
             let port = Port::Serial { path: twin.path().to_owned(), baud: None };
             twins.push(twin);
@@ -88,8 +88,8 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         (Tracking::Arm(arm), hand) => {
             let ports = match (&arm.ports, hand) {
                 (Some(ports), _) => ports.clone(),
-                (None, Some((hand, rehearsal))) => {
-                    twins = carrying(arm, Arc::clone(hand), rehearsal.line, begin_ns)?;
+                (None, Some((hand, virtual_bedside))) => {
+                    twins = carrying(arm, Arc::clone(hand), virtual_bedside.line, begin_ns)?;
                     twins.iter().map(|twin| twin.path().to_owned()).collect()
                 }
                 (None, None) => Vec::new(),

@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let report = Report::new(arguments, [&a, &b], &difference);
     for (volume, path) in [(&a, first), (&b, second)] {
-        say(volume, path);
+        print_notes(volume, path);
     }
     print(&if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() })?;
     let rmse = difference.sums.rmse();
@@ -88,7 +88,7 @@ impl Arguments {
 
 /// Prints the notes on a volume.
 #[allow(clippy::print_stderr, reason = "the command's output")]
-fn say(volume: &DenseVolume, path: &Path) {
+fn print_notes(volume: &DenseVolume, path: &Path) {
     for note in volume.notes() {
         eprintln!("sonoweave: note: {}: {note}", path.display());
     }

@@ -173,7 +173,7 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
             Next::Reading(reading) => match ingest.take(reading) {
                 Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
                     sweep
-                        .take(picture.head.stamp.item, picture.head.time_ns, &picture.image)
+                        .add(picture.head.stamp.item, picture.head.time_ns, &picture.image)
                         .map_err(|e| within(e.0))?;
                 }
                 Sample::Refused(refusal) if frames.contains(&refusal.item) => return Err(within(refusal.to_string())),
@@ -203,7 +203,7 @@ struct Frames {
 }
 
 impl Frames {
-    fn take(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
+    fn add(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
         let Pixels::U8(pixels) = image.pixels() else {
             return Err(Failure(format!(
                 "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow"

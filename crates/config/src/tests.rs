@@ -147,7 +147,7 @@ fn own_files_recognised_by_content() {
     let settings = parse(text).unwrap();
     assert_eq!(settings.source, SourceKind::Sonoweave);
     assert_eq!(settings.hwhm_mm, Some([0.3, 0.2, 1.1]));
-    assert!(matches!(settings.mask().clip, Clip::Rect(_)), "message on purpose");
+    assert!(matches!(settings.mask().clip, Clip::Rect(_)), "said on purpose");
     assert!(parse("").unwrap_err().contains("format"));
     let json = serde_json::to_value(&settings).unwrap();
     assert_eq!(json["transforms"][0]["matrix"][0], 0.1);

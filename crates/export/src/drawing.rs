@@ -143,7 +143,7 @@ impl<'a> Sheet<'a> {
         let DVec2 { x, y } = self.outline.size();
         let thick = self.plates.thickness_mm().map_or(String::new(), |mm| format!(", {} thick", number(mm)));
         self.y += 5.0;
-        self.say(RIM, &format!(
+        self.write_line(RIM, &format!(
             "Two plates {} × {} mm{thick}, inner faces {} mm apart; {} wires. All in mm, drawn 1:1: print at 100 %, not \"fit to page\".",
             number(x),
             number(y),
@@ -377,8 +377,8 @@ impl<'a> Sheet<'a> {
         ];
         for (number, step) in steps.iter().enumerate() {
             self.y += 4.0;
-            self.say(RIM, &format!("{}.", number + 1));
-            self.say(RIM + 5.0, step);
+            self.write_line(RIM, &format!("{}.", number + 1));
+            self.write_line(RIM + 5.0, step);
         }
         self.y += 3.0;
     }
@@ -435,7 +435,7 @@ impl<'a> Sheet<'a> {
     }
 
     /// Writes a line of text.
-    fn say(&mut self, x: f64, text: &str) {
+    fn write_line(&mut self, x: f64, text: &str) {
         self.pen.text(DVec2::new(x, self.y), 2.8, "start", &format!(">{}", escaped(text)));
     }
 }

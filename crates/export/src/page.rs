@@ -43,7 +43,7 @@ impl Page {
     }
 
     /// Adds a paragraph.
-    pub fn say(&mut self, text: &str) {
+    pub fn paragraph(&mut self, text: &str) {
         self.put(format_args!("<p>{}</p>\n", escaped(text)));
     }
 

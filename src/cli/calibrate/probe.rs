@@ -1,14 +1,14 @@
 //! `sonoweave calibrate probe`: finds the transform from the image to the sensor on the
 //! transducer.
 
-mod again;
 mod arguments;
-mod drawn;
 mod guide;
 mod lag;
 mod page;
+mod page_parts;
 mod recording;
 mod report;
+mod reproducibility;
 mod scan;
 mod target;
 
@@ -26,12 +26,12 @@ use sonoweave_core::frames::Transform;
 use super::super::Failure;
 use super::outputs::{Input, print};
 use super::recorded::Recorded;
-use again::again;
 pub use arguments::Arguments;
 use arguments::{Made, Method};
 use lag::Lag;
 use recording::{Observed, observe, pictures};
 use report::{Report, text};
+use reproducibility::reproducibility;
 
 /// Runs the command.
 ///
@@ -107,7 +107,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let recording = Recording { observations, ..seen.recording() };
         Some(calibrate(&layout, &held, recording, None).ok()?.refined.plane)
     };
-    let again = outputs.wants_report().then(|| again(&seen.observations, found.size_px, &found.refined.plane, without));
+    let reproducibility = outputs
+        .wants_report()
+        .then(|| reproducibility(&seen.observations, found.size_px, &found.refined.plane, without));
     let validation = validate.as_deref().map(Input::of).transpose()?;
     let phantom_input = Input::of(phantom)?;
     let preset = arguments.preset(Made {
@@ -126,9 +128,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
-        .took(searched_s, solved_s)
-        .again(again.flatten())
-        .next(next.as_ref())
+        .with_times(searched_s, solved_s)
+        .with_reproducibility(reproducibility.flatten())
+        .with_next(next.as_ref())
         .with_lag(lag);
     let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?, *limit));
     outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, latency, &report, page)?;

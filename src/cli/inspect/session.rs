@@ -79,7 +79,7 @@ struct Topic {
 }
 
 impl Topic {
-    fn take(&mut self, message: &Message<'_>) {
+    fn add(&mut self, message: &Message<'_>) {
         self.bytes += message.bytes.len() as u64;
         let at_ns = message.stamp_ns();
         let [first_ns, last_ns] = self.span_ns.unwrap_or([at_ns; 2]);
@@ -163,11 +163,11 @@ impl SessionReport {
                     span_ns = Some([span_ns.map_or(at_ns, |[first, _]: [i64; 2]| first), at_ns]);
                     losses.extend(message.loss());
                     if let Some(device) = message.device() {
-                        report.meet(device);
+                        report.add_device(device);
                     }
                     match topics.get_mut(&message.channel.topic) {
-                        Some(topic) => topic.take(&message),
-                        None => topics.entry(message.channel.topic.clone()).or_default().take(&message),
+                        Some(topic) => topic.add(&message),
+                        None => topics.entry(message.channel.topic.clone()).or_default().add(&message),
                     }
                     if message.is_frame() {
                         streams.frame(&message.channel.topic, message.stamp_ns());
@@ -188,7 +188,7 @@ impl SessionReport {
         }
         report.histograms = streams.finish();
         report.finished = reader.ending() == Some(Ending::Finished);
-        report.say(reader.about());
+        report.begin(reader.about());
         for channel in reader.channels() {
             let mut topic = topics.remove(&channel.topic).unwrap_or_default();
             (topic.topic, topic.schema) = (channel.topic.clone(), channel.schema.clone());
@@ -215,7 +215,7 @@ impl SessionReport {
         Ok(report)
     }
 
-    fn say(&mut self, about: &About) {
+    fn begin(&mut self, about: &About) {
         if *about != About::default() {
             self.program.clone_from(&about.program);
             (self.began, self.realtime_offset_ns) = (about.utc(), about.offset_ns());
@@ -223,10 +223,9 @@ impl SessionReport {
     }
 
     /// Adds a device; its last description counts.
-    fn meet(&mut self, device: RecordedDevice) {
+    fn add_device(&mut self, device: RecordedDevice) {
         let RecordedDevice { name, line_protocol, description } = device;
-        let (protocol, settings) =
-            line_protocol.map(|line_protocol| (line_protocol.protocol, line_protocol.settings)).unzip();
+        let (protocol, settings) = line_protocol.map(|line| (line.protocol, line.settings)).unzip();
         let report = DeviceReport {
             name,
             source: description.name,

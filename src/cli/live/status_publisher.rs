@@ -198,7 +198,7 @@ fn guidance(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
 pub(in crate::cli) fn policy(bedside: &Bedside) -> Result<SchedulingPolicy, Failure> {
     let is_wanted = match bedside.process.realtime {
         Realtime::Never => false,
-        Realtime::IfPermitted => bedside.rehearsal.is_none(),
+        Realtime::IfPermitted => bedside.virtual_bedside.is_none(),
         Realtime::Required => true,
     };
     if !is_wanted {

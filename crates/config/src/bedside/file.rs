@@ -57,7 +57,7 @@ pub struct Bedside {
     /// The session among other programs.
     pub process: Process,
     /// The virtual bedside, if a device belongs to it.
-    pub rehearsal: Option<VirtualBedside>,
+    pub virtual_bedside: Option<VirtualBedside>,
     /// Effective values by dotted key, including defaults.
     pub effective: Effective,
     /// Sentences for the user.
@@ -129,7 +129,7 @@ impl Bedside {
         let grabber = Grabber::read(Reader::new(path, Some(root), "grabber", &mut effective)?, of_grabber_ms)?;
         notes.extend(calibrated.and_then(|calibrated| other_lag(&calibrated, &tracking, &grabber)));
 
-        let rehearsal = if tracking.is_virtual() || grabber.is_virtual {
+        let virtual_bedside = if tracking.is_virtual() || grabber.is_virtual {
             let usual = match tracking {
                 Tracking::Tracker(_) | Tracking::Remote(_) => TrajectoryName::Freehand,
                 Tracking::Arm(_) => TrajectoryName::Arm,
@@ -147,9 +147,9 @@ impl Bedside {
             None
         };
 
-        let own = match (&rehearsal, &tracking) {
-            (Some(rehearsal), Tracking::Arm(arm)) if arm.ports.is_none() => {
-                let hand = Arc::new(phantom::Bedside::new(Scan::clone(&rehearsal.scan), 0));
+        let own = match (&virtual_bedside, &tracking) {
+            (Some(virtual_bedside), Tracking::Arm(arm)) if arm.ports.is_none() => {
+                let hand = Arc::new(phantom::Bedside::new(Scan::clone(&virtual_bedside.scan), 0));
                 let carried = VirtualBedside::carried(hand, arm.twin_counts_per_turn());
                 let carried = carried.map_err(|unfit| whole_file(path, "virtual", &unfit.to_string()))?;
                 if given_calibration.is_some() {
@@ -161,7 +161,7 @@ impl Bedside {
                 }
                 Some(Settings::of_file(&carried.calibration()))
             }
-            (Some(rehearsal), _) if grabber.is_virtual => Some(of_scan(&rehearsal.scan)),
+            (Some(virtual_bedside), _) if grabber.is_virtual => Some(of_scan(&virtual_bedside.scan)),
             _ => None,
         };
         let calibration = given_calibration.or(own).unwrap_or_default();
@@ -193,7 +193,7 @@ impl Bedside {
             record,
             status,
             process,
-            rehearsal,
+            virtual_bedside,
             effective,
             notes,
             texts: ByPath::new(),

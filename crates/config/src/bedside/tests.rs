@@ -146,9 +146,9 @@ fn examples_give_device_settings() {
     assert_eq!(arm.volume.path, PathChoice::Planar);
 
     let rehearsed = example("virtual.toml");
-    let rehearsal = rehearsed.rehearsal.unwrap();
-    assert_eq!((rehearsal.scan.settings().image_size, rehearsal.rate_hz), ([640, 480], 30.0));
-    assert_eq!(rehearsal.grabber.latency_ns, 40_000_000);
+    let virtual_bedside = rehearsed.virtual_bedside.unwrap();
+    assert_eq!((virtual_bedside.scan.settings().image_size, virtual_bedside.rate_hz), ([640, 480], 30.0));
+    assert_eq!(virtual_bedside.grabber.latency_ns, 40_000_000);
     assert_eq!(rehearsed.calibration.transforms[0].name(), "ImageToProbe", "its own");
     assert!(rehearsed.mask.fan.is_some(), "the scanner's field");
 }
@@ -393,7 +393,7 @@ fn changes_split_at_once_from_next_session() {
     );
     assert_eq!(keys(&changes.next_session), ["record.folder", "volume.spacing_mm"]);
     assert_eq!(changes.at_once[1].to_string(), "picture.mode: \"mip\" → \"average\"");
-    assert_eq!(changes.next_session[0].to_string(), "record.folder: nothing message → \"r\"");
+    assert_eq!(changes.next_session[0].to_string(), "record.folder: nothing said → \"r\"");
     let mut running = before.clone();
     running.adopt(&after);
     assert_eq!((running.grabber.latency_ns, running.record.keep_free_bytes), (12_500_000, 5_000_000));

@@ -396,12 +396,12 @@ mod tests {
                 "more than the 48 compressed bytes of data in the file can hold",
             ),
         ];
-        for (lines, bytes, field, expected) in cases {
-            let place = at(&format!("{field} ="), &lines);
-            match layout(&lines, bytes).expect_err(expected) {
+        for (lines, bytes, field, part) in cases {
+            let expected = at(&format!("{field} ="), &lines);
+            match layout(&lines, bytes).expect_err(part) {
                 Fault::Field { field: f, offset, problem } => {
-                    assert_eq!((f.as_str(), offset), (field, place), "{problem}");
-                    assert!(problem.contains(expected), "{problem:?} does not contain {expected:?}");
+                    assert_eq!((f.as_str(), offset), (field, expected), "{problem}");
+                    assert!(problem.contains(part), "{problem:?} does not contain {part:?}");
                 }
                 limit @ Fault::Limit { .. } => panic!("{limit:?}"),
             }
@@ -411,11 +411,11 @@ mod tests {
     #[test]
     fn limits_are_checked_first() {
         let voxels = layout(&IMAGES.replace("4 3 2", "1000000 1000000 1000"), 48).unwrap_err();
-        let expected = |fault: &Fault, text: &str| matches!(fault, Fault::Limit { what, .. } if what.contains(text));
-        assert!(expected(&voxels, "field DimSize (byte 10): the size of one frame"), "{voxels:?}");
+        let names = |fault: &Fault, text: &str| matches!(fault, Fault::Limit { what, .. } if what.contains(text));
+        assert!(names(&voxels, "field DimSize (byte 10): the size of one frame"), "{voxels:?}");
         let widest = layout(&IMAGES.replace("4 3 2", "18446744073709551615 18446744073709551615 1"), 48).unwrap_err();
-        assert!(expected(&widest, "the size of one frame"), "{widest:?}");
+        assert!(names(&widest, "the size of one frame"), "{widest:?}");
         let frames = layout(&IMAGES.replace("4 3 2", "4 3 1000000000000000"), 48).unwrap_err();
-        assert!(expected(&frames, "the number of frames"), "{frames:?}");
+        assert!(names(&frames, "the number of frames"), "{frames:?}");
     }
 }

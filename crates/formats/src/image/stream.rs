@@ -320,19 +320,19 @@ mod tests {
             assert!(offset <= 1000 + cut.len() as u64);
             assert!(problem.contains("ends within the compressed data"), "{problem}");
         }
-        let expected = |read: Result<Vec<u8>, Error>, frame: u64, text: &str| match read.unwrap_err() {
+        let check = |read: Result<Vec<u8>, Error>, frame: u64, text: &str| match read.unwrap_err() {
             Error::Data { frame: f, problem, .. } => assert!(f == frame && problem.contains(text), "{f} {problem}"),
             other => panic!("{other}"),
         };
-        expected(all(&whole, &Layout { layers: 5, ..promised.clone() }), 4, "end after 0 of its 50 bytes");
-        expected(all(&whole, &Layout { layers: 3, ..promised.clone() }), 2, "more pixels follow the last frame");
+        check(all(&whole, &Layout { layers: 5, ..promised.clone() }), 4, "end after 0 of its 50 bytes");
+        check(all(&whole, &Layout { layers: 3, ..promised.clone() }), 2, "more pixels follow the last frame");
         let mut longer = whole.clone();
         longer.push(0);
-        expected(all(&longer, &Layout { data_bytes: longer.len() as u64, ..promised.clone() }), 3, "1 bytes follow");
+        check(all(&longer, &Layout { data_bytes: longer.len() as u64, ..promised.clone() }), 3, "1 bytes follow");
         let mut flipped = whole.clone();
         *flipped.last_mut().unwrap() ^= 1;
-        expected(all(&flipped, &promised), 3, "damaged");
-        expected(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "has become shorter");
+        check(all(&flipped, &promised), 3, "damaged");
+        check(all(&pixels[..120], &layout(4, 50, PixelType::U8, false, false, &pixels)), 2, "has become shorter");
     }
 
     struct Counting<R>(R, Rc<Cell<usize>>);

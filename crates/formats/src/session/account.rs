@@ -92,7 +92,7 @@ impl Losing {
     }
 
     /// Returns the losses to be reported, and resets them.
-    pub(super) fn take(&mut self, why: &str, topic_of: impl Fn(u16) -> String) -> Option<Loss> {
+    pub(super) fn drain(&mut self, why: &str, topic_of: impl Fn(u16) -> String) -> Option<Loss> {
         if self.lost.is_empty() {
             return None;
         }

@@ -50,7 +50,6 @@
 pub mod about;
 mod account;
 mod frames;
-mod held;
 pub mod message;
 mod names;
 mod picture;
@@ -61,16 +60,17 @@ mod record;
 mod repair;
 pub mod schema;
 pub mod walk;
+mod write_buffer;
 mod writer;
 
 pub use about::{About, LineProtocol, Loss, RecordedDevice};
 pub use account::{Account, Room};
 pub use frames::Frames;
-pub use held::Store;
 pub use message::{Crop, Maker};
 pub use reader::{Channel, Ending, Event, Message, SessionReader};
 pub use repair::{Repaired, repair};
 pub use walk::Damage;
+pub use write_buffer::Store;
 pub use writer::{SessionWriter, Source, WriterOptions};
 
 /// MCAP profile of a session, and the name of its metadata record.

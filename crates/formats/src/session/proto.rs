@@ -187,7 +187,7 @@ impl<'a> Reader<'a> {
         Err(Malformed)
     }
 
-    fn take(&mut self, bytes: usize) -> Result<&'a [u8], Malformed> {
+    fn split(&mut self, bytes: usize) -> Result<&'a [u8], Malformed> {
         let (taken, rest) = self.0.split_at_checked(bytes).ok_or(Malformed)?;
         self.0 = rest;
         Ok(taken)
@@ -197,13 +197,13 @@ impl<'a> Reader<'a> {
         let key = u32::try_from(self.varint()?).map_err(|_| Malformed)?;
         let value = match key & 7 {
             VARINT => Value::Varint(self.varint()?),
-            FIXED64 => Value::Fixed64(self.take(8)?.try_into().map_err(|_| Malformed)?),
+            FIXED64 => Value::Fixed64(self.split(8)?.try_into().map_err(|_| Malformed)?),
             BYTES => {
                 let length = usize::try_from(self.varint()?).map_err(|_| Malformed)?;
-                Value::Bytes(self.take(length)?)
+                Value::Bytes(self.split(length)?)
             }
             FIXED32 => {
-                self.take(4)?;
+                self.split(4)?;
                 Value::Fixed32
             }
             _ => return Err(Malformed),

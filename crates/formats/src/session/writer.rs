@@ -13,10 +13,10 @@ use sonoweave_core::reading::{Reading, Recorded, Stamp};
 
 use crate::session::about::{About, RecordedDevice};
 use crate::session::account::{Account, Losing, Rate, Room};
-use crate::session::held::{Held, Store, Tail};
 use crate::session::message::{self, Crop};
 use crate::session::picture::Encoder;
 use crate::session::schema::{self, Schema};
+use crate::session::write_buffer::{Store, Tail, WriteBuffer};
 use crate::session::{LineProtocol, PROFILE, place};
 use crate::{Error, Unwritable};
 pub use options::WriterOptions;
@@ -78,7 +78,7 @@ impl SessionWriter {
     /// # Errors
     /// [`Error::Io`] when the beginning cannot be written.
     pub fn on(store: Box<dyn Store>, path: &Path, about: About, options: WriterOptions) -> Result<Self, Error> {
-        let tail = Tail::of(Held::new(store, 2 * options.chunk_bytes));
+        let tail = Tail::of(WriteBuffer::new(store, 2 * options.chunk_bytes));
         let file = mcap::WriteOptions::new()
             .compression(None)
             .chunk_size(None)
@@ -256,13 +256,13 @@ impl SessionWriter {
 
     /// Returns the outcome counts of all messages.
     pub fn account(&self) -> Account {
-        let held = self.tail.held();
-        Account { file_bytes: held.stored(), held_bytes: held.len() as u64, ..self.account.clone() }
+        let buffer = self.tail.buffer();
+        Account { file_bytes: buffer.stored(), held_bytes: buffer.len() as u64, ..self.account.clone() }
     }
 
     /// Returns the free space on the disk; `None` if unknown.
     pub fn room(&self) -> Option<Room> {
-        let free_bytes = self.tail.held().free_bytes()?;
+        let free_bytes = self.tail.buffer().free_bytes()?;
         Some(Room { free_bytes, bytes_per_s: self.rate.bytes_per_s() })
     }
 
@@ -316,9 +316,9 @@ impl SessionWriter {
         self.file.finish().map_err(|error| refused(&self.path, error))?;
         // The index and the end of the file.
         self.whole();
-        let mut held = self.tail.held();
-        let done = held.commit().and_then(|()| held.settle());
-        drop(held);
+        let mut buffer = self.tail.buffer();
+        let done = buffer.commit().and_then(|()| buffer.settle());
+        drop(buffer);
         self.count_stored();
         done.map_err(|source| {
             self.failed("ending the session (it is whole up to its last chunk, without an index)", source)
@@ -335,7 +335,7 @@ impl SessionWriter {
         // still arrive.
         let now_ns = now_ns.max(self.last_ns);
         let is_due = self.chunk_ns.is_some_and(|begun_ns| {
-            now_ns - begun_ns >= self.options.chunk_ns || self.tail.held().begun() >= self.options.chunk_bytes
+            now_ns - begun_ns >= self.options.chunk_ns || self.tail.buffer().unfinished() >= self.options.chunk_bytes
         });
         if is_due {
             self.close()?;
@@ -352,7 +352,7 @@ impl SessionWriter {
 
     /// Marks everything written so far as one piece for the disk.
     fn whole(&mut self) {
-        let pieces = self.tail.held().whole();
+        let pieces = self.tail.buffer().whole();
         if pieces > self.waiting.len() {
             self.waiting.push_back(std::mem::take(&mut self.begun));
         }
@@ -360,7 +360,7 @@ impl SessionWriter {
 
     /// Counts the messages of pieces that are now on the disk.
     fn count_stored(&mut self) {
-        let pieces = self.tail.held().whole();
+        let pieces = self.tail.buffer().whole();
         while self.waiting.len() > pieces {
             self.account.stored += self.waiting.pop_front().unwrap_or(0);
         }
@@ -369,13 +369,13 @@ impl SessionWriter {
     /// Writes complete pieces, unless a write failed just before.
     fn commit(&mut self, now_ns: i64) -> Result<(), Error> {
         let is_stuck = !self.account.trouble.is_empty();
-        let mut held = self.tail.held();
-        if is_stuck && now_ns < self.retry_ns || held.len() == held.begun() {
+        let mut buffer = self.tail.buffer();
+        if is_stuck && now_ns < self.retry_ns || buffer.len() == buffer.unfinished() {
             return Ok(());
         }
-        let done = held.commit();
-        let stored = held.stored();
-        drop(held);
+        let done = buffer.commit();
+        let stored = buffer.stored();
+        drop(buffer);
         self.count_stored();
         self.rate.note(now_ns, stored);
         match done {
@@ -401,7 +401,7 @@ impl SessionWriter {
 
     fn write_losses(&mut self, now_ns: i64) -> Result<(), Error> {
         let topic_of = |channel: u16| self.topics.get(channel).topic.clone();
-        let Some(loss) = self.losing.take(&self.account.trouble, topic_of) else { return Ok(()) };
+        let Some(loss) = self.losing.drain(&self.account.trouble, topic_of) else { return Ok(()) };
         tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);
         self.message.clear();
         loss.write(&mut self.message);
@@ -411,7 +411,7 @@ impl SessionWriter {
     /// Returns whether memory is left. Frames fill the memory, so they are dropped first.
     fn has_room(&self, is_frame: bool) -> bool {
         let most = self.options.held_bytes;
-        self.tail.held().len() < if is_frame { most } else { most + most / 4 }
+        self.tail.buffer().len() < if is_frame { most } else { most + most / 4 }
     }
 
     fn lose(&mut self, channel: u16, bytes: usize, at_ns: i64) {

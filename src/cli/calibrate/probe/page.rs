@@ -5,21 +5,21 @@ use glam::DVec2;
 use export::page::Page;
 use export::page::plate::{Ink, Plate};
 
-use super::drawn;
+use super::page_parts;
 use super::recording::StoredImage;
 use super::report::{PictureReport, Report, YOU};
 
 impl Report {
     /// Returns the images to show.
     pub(super) fn listed_frames(&self) -> Vec<usize> {
-        drawn::listed_frames(&self.wire_error_mm)
+        page_parts::listed_frames(&self.wire_error_mm)
     }
 
     /// Makes the page; `images` are those of [`Self::listed_frames`].
     pub(super) fn page(&self, images: &[StoredImage], limit_mm: f64) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.input.name()));
         self.verdict(&mut page, limit_mm);
-        drawn::errors(
+        page_parts::errors(
             &mut page,
             &[
                 ("middle wires (PLUS's definition)", Some(&self.error_mm)),
@@ -38,9 +38,9 @@ impl Report {
         page.note("Green rings: used dots, by their wires. Dashed red: dots that the others contradict. Orange crosses: the wires by the calibration.");
         let used = self.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used);
         let dots: Vec<[DVec2; 2]> = used.map(|dot| [dot.seen_px, dot.expected_px].map(DVec2::from_array)).collect();
-        drawn::over_the_picture(&mut page, self.image_size_px, (&dots, "dots"), &self.predicted_error_mm);
+        page_parts::over_the_picture(&mut page, self.image_size_px, (&dots, "dots"), &self.predicted_error_mm);
         page.part("Frame by frame");
-        drawn::bars(
+        page_parts::bars(
             &mut page,
             &self.error_mm,
             limit_mm,
@@ -49,7 +49,7 @@ impl Report {
         );
         if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
             let caption = "The same for the second recording, which the calibration did not use.";
-            drawn::bars(&mut page, held, limit_mm, "error of each validation frame", caption);
+            page_parts::bars(&mut page, held, limit_mm, "error of each validation frame", caption);
         }
         self.wires_table(&mut page);
         self.particulars(&mut page);
@@ -63,14 +63,14 @@ impl Report {
             "mean error of the middle wires on validation frames (a second recording"
         };
         let held = (self.validation_error_mm.as_ref(), of, limit_mm);
-        drawn::verdict(page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
-        drawn::lag(page, self.lag_s, self.lag_sd_s);
-        if let Some(again) = &self.reproducibility_mm {
-            page.say(&again.words());
+        page_parts::verdict(page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
+        page_parts::lag(page, self.lag_s, self.lag_sd_s);
+        if let Some(reproducibility) = &self.reproducibility_mm {
+            page.paragraph(&reproducibility.words());
         }
         if let Some(next) = &self.next_view {
             let seen = if next.helps { format!(" ({YOU})") } else { String::new() };
-            page.say(&format!("Next view: {}{seen}.", next.words));
+            page.paragraph(&format!("Next view: {}{seen}.", next.words));
         }
     }
 
@@ -113,14 +113,14 @@ impl Report {
     fn particulars(&self, page: &mut Page) {
         page.part("Particulars");
         let scatter = &self.scatter;
-        page.say(&format!(
+        page.paragraph(&format!(
             "Noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v. The phantom fits best {:.2} mm and {:.2}° off its registration. Condition {:.1}.",
             scatter.position_mm, scatter.turn_deg, scatter.dot_px[0], scatter.dot_px[1], self.registration_change_mm, self.registration_change_deg, self.condition
         ));
-        drawn::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
-        drawn::matrix(page, "PhantomToReference, best fit:", &self.phantom_to_reference);
+        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
+        page_parts::matrix(page, "PhantomToReference, best fit:", &self.phantom_to_reference);
         let inputs = [Some(&self.input), Some(&self.phantom), self.validation.as_ref()];
-        drawn::made_from(page, inputs.into_iter().flatten().map(|input| input.name()).collect());
+        page_parts::made_from(page, inputs.into_iter().flatten().map(|input| input.name()).collect());
     }
 }
 

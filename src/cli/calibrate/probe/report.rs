@@ -13,8 +13,8 @@ use calibration::probe::next::{Candidate, NextView};
 use calibration::probe::{Calibration, Layout};
 
 use super::super::outputs::{Input, rows};
-use super::again::Reproducibility;
 use super::lag::Lag;
+use super::reproducibility::Reproducibility;
 
 /// Explains the viewing direction that left and right refer to.
 pub(super) const YOU: &str = "seen with the probe's marked side at the right and its face below";
@@ -328,7 +328,7 @@ impl Report {
         }
     }
 
-    pub(super) fn took(self, searched_s: f64, solved_s: f64) -> Self {
+    pub(super) fn with_times(self, searched_s: f64, solved_s: f64) -> Self {
         Self { searched_s, solved_s, ..self }
     }
 
@@ -336,11 +336,11 @@ impl Report {
         Self { latency, ..self }
     }
 
-    pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {
+    pub(super) fn with_reproducibility(self, reproducibility_mm: Option<Reproducibility>) -> Self {
         Self { reproducibility_mm, ..self }
     }
 
-    pub(super) fn next(self, next: Option<&NextView>) -> Self {
+    pub(super) fn with_next(self, next: Option<&NextView>) -> Self {
         Self { next_view: next.map(Next::from), ..self }
     }
 }

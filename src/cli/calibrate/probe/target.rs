@@ -18,10 +18,10 @@ use calibration::probe::{Observation, Recording};
 use super::super::super::Failure;
 use super::super::outputs::{Input, print};
 use super::super::tip::tip;
-use super::again::again;
 use super::arguments::{Arguments, Made, Method};
 use super::lag::Lag;
 use super::recording::{Observed, pictures};
+use super::reproducibility::reproducibility;
 
 pub(super) use flags::Flags;
 use observe::{Names, observe};
@@ -98,11 +98,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let recording = Recording { observations, ..seen.recording() };
         Some(calibrate(target, recording, None).ok()?.refined.plane)
     };
-    let again = outputs
+    let reproducibility = outputs
         .wants_report()
-        .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
-    let report =
-        Report::new(&found, inputs, *method, reference, *limit).took(searched_s, solved_s).again(again.flatten());
+        .then(|| reproducibility(seen.recording().observations, found.size_px, &found.refined.plane, without));
+    let report = Report::new(&found, inputs, *method, reference, *limit)
+        .with_times(searched_s, solved_s)
+        .with_reproducibility(reproducibility.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);

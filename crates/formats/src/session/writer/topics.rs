@@ -9,10 +9,10 @@ use mcap::write::PrivateRecordOptions;
 
 use crate::session::CHANNELS;
 use crate::session::about::RecordedDevice;
-use crate::session::held::Tail;
 use crate::session::message::Crop;
 use crate::session::proto::Fields;
 use crate::session::schema::Schema;
+use crate::session::write_buffer::Tail;
 
 /// A device being written.
 pub(super) struct Device {

@@ -5,14 +5,14 @@ use glam::DVec2;
 use export::page::Page;
 use export::page::plate::{Ink, Plate};
 
-use super::super::drawn;
+use super::super::page_parts;
 use super::super::recording::StoredImage;
 use super::report::{PictureReport, Report, Rests};
 
 impl Report {
     /// Returns the images to show.
     pub(super) fn listed_frames(&self) -> Vec<usize> {
-        drawn::listed_frames(&self.error_mm)
+        page_parts::listed_frames(&self.error_mm)
     }
 
     /// Makes the page; `images` are those of [`Self::listed_frames`].
@@ -24,13 +24,13 @@ impl Report {
             "mean error on validation frames (a second recording"
         };
         let held = (self.validation_error_mm.as_ref(), of, self.limit_mm);
-        drawn::verdict(&mut page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
-        drawn::lag(&mut page, self.lag_s, self.lag_se_s);
-        if let Some(again) = &self.reproducibility_mm {
-            page.say(&again.words());
+        page_parts::verdict(&mut page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
+        page_parts::lag(&mut page, self.lag_s, self.lag_se_s);
+        if let Some(reproducibility) = &self.reproducibility_mm {
+            page.paragraph(&reproducibility.words());
         }
-        page.say(&format!("Next view: {}.", self.next_view));
-        drawn::errors(
+        page.paragraph(&format!("Next view: {}.", self.next_view));
+        page_parts::errors(
             &mut page,
             &[
                 ("distance from the target", Some(&self.error_mm)),
@@ -47,12 +47,12 @@ impl Report {
         page.note(&format!("Green rings: {seen}. Orange crosses: its position by the calibration."));
         let used = || self.pictures.iter().filter(|picture| picture.used);
         let dots: Vec<[DVec2; 2]> = used().flat_map(PictureReport::pairs).collect();
-        drawn::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
+        page_parts::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
         page.part("Frame by frame");
-        drawn::bars(&mut page, &self.error_mm, self.limit_mm, "error of each frame", "Mean error of each frame.");
+        page_parts::bars(&mut page, &self.error_mm, self.limit_mm, "error of each frame", "Mean error of each frame.");
         if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
             let caption = "The same for the second recording, which the calibration did not use.";
-            drawn::bars(&mut page, held, self.limit_mm, "error of each validation frame", caption);
+            page_parts::bars(&mut page, held, self.limit_mm, "error of each validation frame", caption);
         }
         self.particulars(&mut page);
         page.html()
@@ -74,16 +74,16 @@ impl Report {
 
     fn particulars(&self, page: &mut Page) {
         page.part("Particulars");
-        page.say(&format!(
+        page.paragraph(&format!(
             "Noise: {}. Position: {}. Condition {:.1}.",
             self.scatter.words(),
             self.target.words(&self.frame),
             self.condition
         ));
         let least: Vec<String> = self.least_known.iter().map(|(what, sd)| format!("{what} ({sd:.2e})")).collect();
-        page.say(&format!("Least known, in typical sizes: {}.", least.join("; ")));
-        drawn::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
-        drawn::made_from(page, self.inputs.all().map(|input| input.name()).collect());
+        page.paragraph(&format!("Least known, in typical sizes: {}.", least.join("; ")));
+        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
+        page_parts::made_from(page, self.inputs.all().map(|input| input.name()).collect());
     }
 }
 

@@ -12,8 +12,8 @@ use calibration::probe::target::{Calibration, Place};
 
 use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
-use super::super::again::Reproducibility;
 use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
+use super::super::reproducibility::Reproducibility;
 
 /// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
@@ -196,11 +196,11 @@ impl Report {
         }
     }
 
-    pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {
+    pub(super) fn with_reproducibility(self, reproducibility_mm: Option<Reproducibility>) -> Self {
         Self { reproducibility_mm, ..self }
     }
 
-    pub(super) fn took(self, searched_s: f64, solved_s: f64) -> Self {
+    pub(super) fn with_times(self, searched_s: f64, solved_s: f64) -> Self {
         Self { searched_s, solved_s, ..self }
     }
 }

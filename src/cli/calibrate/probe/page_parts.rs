@@ -40,14 +40,14 @@ pub(super) fn verdict(
     let reasons = if reasons.is_empty() { String::new() } else { format!("; not used: {}", reasons.join(", ")) };
     let Frames { used, total, .. } = frames;
     let [u, v] = pixel_mm;
-    page.say(&format!("{used} of {total} frames were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
+    page.paragraph(&format!("{used} of {total} frames were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
 }
 
 /// Writes the lag of the poses, if it was sought.
 pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
     if sd_s > 0.0 {
         let side = if lag_s > 0.0 { "later" } else { "earlier" };
-        page.say(&format!(
+        page.paragraph(&format!(
             "The tracker's poses come {:.1} ± {:.1} ms {side} than the frames.",
             1e3 * lag_s.abs(),
             1e3 * sd_s
@@ -108,7 +108,7 @@ pub(super) fn bars(page: &mut Page, errors: &ProbeReport, limit_mm: f64, about: 
 
 /// Writes a transform, row by row.
 pub(super) fn matrix(page: &mut Page, what: &str, rows: &[f64; 16]) {
-    page.say(what);
+    page.paragraph(what);
     let rows = rows.chunks_exact(4).map(|row| row.iter().map(|x| format!("{x:.6}")).collect());
     page.table(&["", "", "", ""], &rows.collect::<Vec<_>>());
 }

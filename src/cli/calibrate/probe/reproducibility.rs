@@ -31,7 +31,7 @@ impl Reproducibility {
 
 /// Calibrates with each part of the observations left out in turn. Shows how far the result
 /// depends on the choice of images. Returns `None` if every part leaves too few.
-pub(super) fn again<O: Clone>(
+pub(super) fn reproducibility<O: Clone>(
     all: &[O],
     size_px: [u32; 2],
     found: &ImagePlane,

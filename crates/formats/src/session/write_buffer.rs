@@ -58,7 +58,7 @@ impl Store for File {
 }
 
 /// A store, with the data that it has not accepted yet.
-pub(super) struct Held {
+pub(super) struct WriteBuffer {
     store: Box<dyn Store>,
     /// Number of bytes in the store.
     stored: u64,
@@ -71,7 +71,7 @@ pub(super) struct Held {
     position: usize,
 }
 
-impl Held {
+impl WriteBuffer {
     pub(super) fn new(store: Box<dyn Store>, room: usize) -> Self {
         let (bytes, whole) = (Vec::with_capacity(room), VecDeque::new());
         Self { store, stored: 0, bytes, whole, whole_bytes: 0, position: 0 }
@@ -83,7 +83,7 @@ impl Held {
     }
 
     /// Returns the number of bytes of the incomplete piece.
-    pub(super) fn begun(&self) -> usize {
+    pub(super) fn unfinished(&self) -> usize {
         self.bytes.len() - self.whole_bytes
     }
 
@@ -133,35 +133,35 @@ impl Held {
 
 /// Write handle to the end of the file.
 #[derive(Clone)]
-pub(super) struct Tail(Arc<Mutex<Held>>);
+pub(super) struct Tail(Arc<Mutex<WriteBuffer>>);
 
 impl Tail {
-    pub(super) fn of(held: Held) -> Self {
-        Self(Arc::new(Mutex::new(held)))
+    pub(super) fn of(buffer: WriteBuffer) -> Self {
+        Self(Arc::new(Mutex::new(buffer)))
     }
 
-    pub(super) fn held(&self) -> MutexGuard<'_, Held> {
+    pub(super) fn buffer(&self) -> MutexGuard<'_, WriteBuffer> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Write for Tail {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let held = &mut *self.held();
-        let over = bytes.len().min(held.bytes.len() - held.position);
-        held.bytes[held.position..held.position + over].copy_from_slice(&bytes[..over]);
-        held.bytes.extend_from_slice(&bytes[over..]);
-        held.position += bytes.len();
+        let buffer = &mut *self.buffer();
+        let over = bytes.len().min(buffer.bytes.len() - buffer.position);
+        buffer.bytes[buffer.position..buffer.position + over].copy_from_slice(&bytes[..over]);
+        buffer.bytes.extend_from_slice(&bytes[over..]);
+        buffer.position += bytes.len();
         Ok(bytes.len())
     }
 
     /// Marks everything written so far as a complete piece.
     fn flush(&mut self) -> io::Result<()> {
-        let held = &mut *self.held();
-        let length = held.begun();
+        let buffer = &mut *self.buffer();
+        let length = buffer.unfinished();
         if length > 0 {
-            held.whole.push_back(length);
-            held.whole_bytes += length;
+            buffer.whole.push_back(length);
+            buffer.whole_bytes += length;
         }
         Ok(())
     }
@@ -169,17 +169,17 @@ impl Write for Tail {
 
 impl Seek for Tail {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let held = &mut *self.held();
+        let buffer = &mut *self.buffer();
         let place = match to {
-            SeekFrom::Start(place) => place.checked_sub(held.stored).and_then(|place| usize::try_from(place).ok()),
-            SeekFrom::End(ahead) => held.bytes.len().checked_add_signed(ahead as isize),
-            SeekFrom::Current(ahead) => held.position.checked_add_signed(ahead as isize),
+            SeekFrom::Start(place) => place.checked_sub(buffer.stored).and_then(|place| usize::try_from(place).ok()),
+            SeekFrom::End(ahead) => buffer.bytes.len().checked_add_signed(ahead as isize),
+            SeekFrom::Current(ahead) => buffer.position.checked_add_signed(ahead as isize),
         };
         // Complete pieces are not changed any more.
-        held.position =
-            place.filter(|place| (held.whole_bytes..=held.bytes.len()).contains(place)).ok_or_else(|| {
+        buffer.position =
+            place.filter(|place| (buffer.whole_bytes..=buffer.bytes.len()).contains(place)).ok_or_else(|| {
                 io::Error::new(io::ErrorKind::InvalidInput, "a place in a session that was written already")
             })?;
-        Ok(held.stored + held.position as u64)
+        Ok(buffer.stored + buffer.position as u64)
     }
 }
