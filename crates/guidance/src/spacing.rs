@@ -13,7 +13,6 @@
 //! Beyond that it has no gaps, but is thin.
 
 use serde::Serialize;
-use volume::Voxels;
 
 use reconstruct::kernel::{AxisKernel, KernelError};
 use reconstruct::settings::Settings;
@@ -63,6 +62,8 @@ fn reach(kernel: &AxisKernel) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use volume::Voxels;
+
     use super::*;
     use std::sync::Arc;
 
