@@ -62,8 +62,6 @@ fn reach(kernel: &AxisKernel) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use volume::Voxels;
-
     use super::*;
     use std::sync::Arc;
 
@@ -74,6 +72,7 @@ mod tests {
     use reconstruct::kernel::{Method, Support};
     use reconstruct::{Compounding, Reconstructor};
     use sonoweave_core::slice::{Image, Pixels, Slice};
+    use volume::Voxels;
 
     const SIZE: [u32; 2] = [40, 40];
     const PIXEL: f64 = 0.5;
