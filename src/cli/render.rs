@@ -73,7 +73,7 @@ struct Drawn {
 #[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let began = Instant::now();
-    let Arguments { look, output, .. } = arguments;
+    let Arguments { view_flags, output, .. } = arguments;
     arguments.check()?;
     let volume = DenseVolume::open(&arguments.volume, arguments.weights.as_deref(), gibibytes(arguments.max_memory)?)?;
     let read_ms = milliseconds(began);
@@ -81,13 +81,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if volume.seen() == 0 {
         notes.push(format!("{}: no voxel was seen, so the picture is all background", arguments.volume.display()));
     }
-    if look.mode == Mode::Slice {
+    if view_flags.mode == Mode::Slice {
         return planes::run(arguments, &volume, began, read_ms, &notes);
     }
     let window = arguments.window.unwrap_or_else(|| volume.range());
     let settings = RenderSettings {
         cache: Cache::None,
-        ..look.settings(window, volume.slice_axes(), input::threads(arguments.threads))?
+        ..view_flags.settings(window, volume.slice_axes(), input::threads(arguments.threads))?
     };
     let [low, high] = volume.bounds();
     let stage = RenderRegion::new(volume.world_from_lattice(), low, high)?;
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Some(_) => numbered(output, turn),
         };
         let turned = arguments.turntable.map(|_| 360.0 * turn as f64 / turns as f64);
-        let drawn = draw(&volume, stage, &settings, look, turned, path);
+        let drawn = draw(&volume, stage, &settings, view_flags, turned, path);
         pictures.push(drawn?);
         bar.inc(1);
     }
@@ -110,12 +110,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let statistics = Statistics {
             source: Source::new(arguments, &volume),
             mode: settings.mode.name(),
-            transfer: &look.transfer_name(),
+            transfer: &view_flags.transfer_name(),
             window,
-            perspective: look.perspective,
-            step: look.step,
-            stop: look.stops(),
-            background: look.background,
+            perspective: view_flags.perspective,
+            step: view_flags.step,
+            stop: view_flags.stops(),
+            background: view_flags.background,
             threads: settings.threads,
             read_ms,
             wall_s,
@@ -127,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for note in &notes {
         eprintln!("sonoweave: note: {note}");
     }
-    let [width, height] = look.image_size;
+    let [width, height] = view_flags.image_size;
     let View { azimuth, elevation, roll, .. } = settings.view;
     let name = match arguments.turntable {
         None => output.display().to_string(),
@@ -137,7 +137,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         "{name}: {width}×{height} pixels of {}, {}, {}, from {azimuth}°, {elevation}°{}, in {:.0} ms",
         arguments.volume.display(),
         settings.mode.name(),
-        look.transfer_name(),
+        view_flags.transfer_name(),
         if roll == 0.0 { String::new() } else { format!(", rolled {roll}°") },
         wall_s * 1e3
     );
@@ -154,23 +154,25 @@ impl Arguments {
                 input::check_is_not(output, from)?;
             }
         }
-        if let Some(what) = self.look.planar.drawn(&[]).into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe)) {
+        if let Some(what) =
+            self.view_flags.planar.drawn(&[]).into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe))
+        {
             return Err(Failure(format!(
                 "--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`",
                 what.name()
             )));
         }
-        if self.look.mode == Mode::Slice && self.turntable.is_some() {
+        if self.view_flags.mode == Mode::Slice && self.turntable.is_some() {
             return Err(Failure("--turntable: does not apply to --mode slice; leave it out".into()));
         }
-        if self.look.planar.wants_weights() && self.weights.is_none() {
+        if self.view_flags.planar.wants_weights() && self.weights.is_none() {
             return Err(Failure(
                 "--overlay weight: the volume's file has no weights; give --weights with a file from `reconstruct \
                 --weights`"
                     .into(),
             ));
         }
-        self.look.check()
+        self.view_flags.check()
     }
 }
 
@@ -189,18 +191,18 @@ fn draw(
     volume: &DenseVolume,
     stage: RenderRegion,
     settings: &RenderSettings,
-    look: &ViewFlags,
+    view_flags: &ViewFlags,
     turned: Option<f64>,
     path: PathBuf,
 ) -> Result<Drawn, Failure> {
     let began = Instant::now();
-    let view = look.view(volume.slice_axes(), turned.unwrap_or(0.0), turned.is_some());
+    let view = view_flags.view(volume.slice_axes(), turned.unwrap_or(0.0), turned.is_some());
     let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage)?;
     let prepare_ms = milliseconds(began);
     let updated = renderer.update_all(volume);
     let began = Instant::now();
-    let drawn =
-        Over { renderer: &renderer, background: look.background, slice: None }.write(&look.planar.drawn(&[]), &path)?;
+    let drawn = Over { renderer: &renderer, background: view_flags.background, slice: None }
+        .write(&view_flags.planar.drawn(&[]), &path)?;
     Ok(Drawn {
         path,
         drawn,
@@ -209,7 +211,7 @@ fn draw(
         shade_ms: updated.shade.as_secs_f64() * 1e3,
         rays_ms: updated.rays.as_secs_f64() * 1e3,
         write_ms: milliseconds(began),
-        numbers: PictureNumbers::of(&renderer, look.image_size),
+        numbers: PictureNumbers::of(&renderer, view_flags.image_size),
     })
 }
 

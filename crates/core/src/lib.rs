@@ -11,9 +11,9 @@
 //! - [`keys`]: TOML files read key by key, for every file of ours.
 //! - [`error`]: the error of all devices.
 //!
-//! The modules have no error in common, because their callers handle every case: a
-//! [`frames::BadMatrix`] becomes one of the ledger's reasons, and a [`keys::FileError`] an error
-//! at a line of a file. A merged error would make these matches incomplete.
+//! The modules have no error in common, because their callers handle every case. A
+//! [`frames::BadMatrix`] becomes one of the ledger's reasons; a [`keys::FileError`] becomes an
+//! error at a line of a file. A merged error would make these matches incomplete.
 
 pub mod clock;
 pub mod date;

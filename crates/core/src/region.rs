@@ -45,8 +45,8 @@ impl ClipRect {
 ///
 /// Angles are in degrees from the +v (down) axis, positive towards +u: the direction of angle a
 /// is (sin a, cos a). This is PLUS's convention. IGSIO's `vtkIGSIOPasteSliceIntoVolume` keeps a
-/// pixel at offset (x, y) from the origin under three conditions: x/y lies between the angles'
-/// tangents, y ≥ 0, and the distance lies between the two radii.
+/// pixel at offset (x, y) from the origin under three conditions. x/y lies between the angles'
+/// tangents, y is at least 0, and the distance lies between the two radii.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fan {
     origin_px: [f64; 2],

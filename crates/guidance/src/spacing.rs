@@ -73,6 +73,7 @@ mod tests {
     use reconstruct::kernel::{Method, Support};
     use reconstruct::{Compounding, Reconstructor};
     use sonoweave_core::slice::{Image, Pixels, Slice};
+    use volume::Voxels;
 
     const SIZE: [u32; 2] = [40, 40];
     const PIXEL: f64 = 0.5;

@@ -121,7 +121,7 @@ impl Settings {
             0 | 1 => Ok(None),
             n => rayon::ThreadPoolBuilder::new()
                 .num_threads(n)
-                .thread_name(|i| format!("weave-{i}"))
+                .thread_name(|i| format!("insert-{i}"))
                 .build()
                 .map(|pool| Some(Arc::new(pool)))
                 .map_err(|e| SettingsError::Threads(n, e.to_string())),

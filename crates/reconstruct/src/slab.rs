@@ -91,8 +91,9 @@ pub(crate) enum Overlap {
 /// up.
 const SQUARE: usize = 4;
 
-/// Summary of the mask for the walk. For any rectangle of squares of nodes, four look-ups in a
-/// table of sums give the numbers of squares with an uncertain node and with a live one.
+/// Summary of the mask for the walk. A table of sums gives two counts for any rectangle of
+/// squares of nodes, in four look-ups: the squares with an uncertain node, and those with a live
+/// one.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskSummary {
     columns: i64,

@@ -215,8 +215,8 @@ impl Taps {
     }
 }
 
-/// Returns the coefficients αᵢ of B₃(x − i) that best fit the kernel centred at `centre` (in
-/// knots, 0 ≤ centre < 1) by least squares: the first i and α.
+/// Returns the coefficients αᵢ of B₃(x − i) that best fit a kernel by least squares: the first i,
+/// and α. The kernel is centred at `centre`, in knots, 0 ≤ centre < 1.
 fn fit_spline(kernel: &AxisKernel, knot_mm: f64, centre: f64) -> (i64, Vec<f64>) {
     let support = kernel.support_mm / knot_mm;
     let first = (centre - support).floor() as i64 - 1;

@@ -1,7 +1,7 @@
 //! Bricks that exist only where something was scanned.
 //!
-//! There are two levels: a hash map of blocks of 8³ bricks, each block a plain table of slots;
-//! and an arena of bricks in chunks that never move. Finding the bricks of a row costs one hash
+//! There are two levels. A hash map holds blocks of 8³ bricks, each a plain table of slots. An
+//! arena holds the bricks, in chunks that never move. Finding the bricks of a row costs one hash
 //! per 64 voxels, and growing never copies a brick. Memory follows the scanned region, wherever
 //! in the world it is.
 

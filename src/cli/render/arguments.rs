@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.json")]
     pub(super) stats: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) look: ViewFlags,
+    pub(super) view_flags: ViewFlags,
 }
 
 // clap takes an array for its own notation of repeated values; a named type is a single value to

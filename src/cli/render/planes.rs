@@ -45,11 +45,11 @@ pub(super) fn run(
     read_ms: f64,
     notes: &[String],
 ) -> Result<(), Failure> {
-    let Arguments { look, output, .. } = arguments;
+    let Arguments { view_flags, output, .. } = arguments;
     let window = arguments.window.unwrap_or_else(|| volume.range());
     let threads = input::threads(arguments.threads);
     let place = Box3::new(volume.world_from_lattice(), volume.bounds());
-    let sheet = look.planar.sheet(&place, look.image_size)?;
+    let sheet = view_flags.planar.sheet(&place, view_flags.image_size)?;
     let sampling = Instant::now();
     let pool = pool(threads)?;
     let planar = Planar { volume, place, pool: pool.as_deref() };
@@ -61,14 +61,14 @@ pub(super) fn run(
         work += done;
     }
     let sample_ms = milliseconds(sampling);
-    write_rgb(&sheet.draw(&sampled, window, look.planar.wash())?, output)?;
+    write_rgb(&sheet.draw(&sampled, window, view_flags.planar.wash())?, output)?;
     let wall_s = began.elapsed().as_secs_f64();
-    let picture = look.planar.numbers(&sheet, &sampled);
+    let picture = view_flags.planar.numbers(&sheet, &sampled);
     let text = picture.to_string();
     if let Some(path) = &arguments.stats {
         let statistics = Statistics {
             source: Source::new(arguments, volume),
-            mode: look.mode.name(),
+            mode: view_flags.mode.name(),
             window,
             threads,
             read_ms,

@@ -154,14 +154,14 @@ mod tests {
     #[derive(Parser)]
     struct Command {
         #[command(flatten)]
-        look: ViewFlags,
+        view_flags: ViewFlags,
     }
 
     #[test]
     fn usual_equals_parser_defaults() {
-        let (look, usual) = (Command::parse_from(["render"]).look, ViewFlags::usual());
-        assert_eq!((look.step, look.background), (usual.step, usual.background));
-        assert!(look.transfer.is_none() && look.stop.is_none() && look.adaptive == 0.0);
-        assert!(look.view.is_none() && look.perspective.is_none() && look.arity.is_none());
+        let (view_flags, usual) = (Command::parse_from(["render"]).view_flags, ViewFlags::usual());
+        assert_eq!((view_flags.step, view_flags.background), (usual.step, usual.background));
+        assert!(view_flags.transfer.is_none() && view_flags.stop.is_none() && view_flags.adaptive == 0.0);
+        assert!(view_flags.view.is_none() && view_flags.perspective.is_none() && view_flags.arity.is_none());
     }
 }

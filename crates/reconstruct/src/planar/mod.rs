@@ -1,5 +1,5 @@
-//! Reconstruction from slices that stay perpendicular to one plane, as those of a 3-DOF arm:
-//! they shift in it and turn about its normal, to which image axis u is parallel.
+//! Reconstruction from slices that stay perpendicular to one plane, as those of a 3-DOF arm. They
+//! shift in the plane and turn about its normal, which is parallel to image axis u.
 //!
 //! The lattice's z is laid along u. A voxel's weight is then a product of one factor along z,
 //! the same for every slice, and one per column. The three-dimensional sum separates into a sum

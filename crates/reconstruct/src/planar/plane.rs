@@ -137,9 +137,9 @@ impl ScanPlane {
     }
 }
 
-/// Returns the worst of some slices' poses: its index, and its departure from the plane of the
-/// first one, in voxels at the corners of images of `size` pixels. `None` without poses, or if
-/// the first spans no plane.
+/// Returns the pose that departs most from the plane of the first one: its index and its
+/// departure. The departure is in voxels, at the corners of images of `size` pixels. `None`
+/// without poses, or if the first spans no plane.
 pub fn worst_departure(
     settings: &Settings,
     planar: &PlanarSettings,

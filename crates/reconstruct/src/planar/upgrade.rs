@@ -10,9 +10,9 @@ use crate::decay::Fading;
 use crate::{Reconstructor, Refused, SettingsError};
 
 impl PlanarReconstructor {
-    /// Returns a general reconstructor on the same lattice with the content of this one:
-    /// numerator and weight of every voxel, and the work done; with decay, also the age of
-    /// each. Columns and bricks are both in memory until this one is dropped.
+    /// Returns a general reconstructor on the same lattice with the content of this one. The
+    /// content is the numerator and weight of every voxel, and the work done; with decay, also
+    /// the age of each voxel. Columns and bricks are both in memory until this one is dropped.
     ///
     /// # Errors
     /// [`Refused::Memory`] when the bricks, which take twice the bytes, exceed the limit.

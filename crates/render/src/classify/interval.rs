@@ -1,9 +1,9 @@
 //! Skips bricks in which every sample is transparent because of the intensities seen there.
 //!
-//! The intensity of a sample is c / s, where c = Σ seen · intensity and s = Σ seen over the
-//! eight voxels about it. It is a mean of the seen voxels and lies between the brick's least and
-//! largest intensity. If all of these lie below the isovalue, or on one side of the transfer
-//! function's visible interval, every sample of the brick is transparent and can be skipped.
+//! The intensity of a sample is c / s, where c = Σ seen · intensity and s = Σ seen over the eight
+//! voxels about it. It is a mean of the seen voxels and lies between the brick's least and
+//! largest intensity. A brick is skipped if all of these lie below the isovalue, or on one side
+//! of the transfer function's visible interval: all its samples are transparent.
 //!
 //! This must hold for the samples as they are computed, to the bit. Each of three interpolations
 //! in single precision rounds by at most 3·2⁻²⁴ of the largest number. The error of c is 9·2⁻²⁴

@@ -95,8 +95,8 @@ impl ViewRays {
     }
 }
 
-/// A body between up to N planes, as seen by a view's rays: affine functions of the pixel, as
-/// value at pixel (0, 0) and steps to the right and down.
+/// A body between up to N planes, as seen by a view's rays. Each plane is an affine function of
+/// the pixel: its value at pixel (0, 0), and its steps to the right and down.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Body<const N: usize> {
     planes: [[f64; 3]; N],

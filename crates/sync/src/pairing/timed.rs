@@ -1,5 +1,5 @@
-//! Pairing by time: frames wait until poses exist on both sides of their time, and then get their
-//! pose in the world, with an error bound, or the reason why not.
+//! Pairing by time: frames wait until poses exist on both sides of their time. Each then gets its
+//! pose in the world with an error bound, or the reason why it has none.
 //!
 //! Trackers are later or earlier than frames, by latencies, lines and buffers. A frame
 //! therefore waits until each station between image and world has a pose at its time or after

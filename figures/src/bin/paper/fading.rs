@@ -82,11 +82,11 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let mut measured: [Vec<[f64; 2]>; 5] = Default::default();
     for rate in MEASURED {
         for ((_, rule), points) in rules(rate, wait).into_iter().zip(&mut measured) {
-            let [woven, model] = [decay_reconstructed::shift(rule)?, shift(rule, kernel)];
-            points.push([rate, woven]);
-            worst = worst.max((woven - model).abs());
+            let [reconstructed, model] = [decay_reconstructed::shift(rule)?, shift(rule, kernel)];
+            points.push([rate, reconstructed]);
+            worst = worst.max((reconstructed - model).abs());
             if let Rule::DeadTime { .. } = rule {
-                dead = dead.max(woven.abs());
+                dead = dead.max(reconstructed.abs());
             }
         }
     }
@@ -137,7 +137,7 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         }
         pair.check(report, "after a sweep", style);
         profiles.push(series(style, pair.profile()));
-        profiles.push(crosses(style, pair.woven_profile()));
+        profiles.push(crosses(style, pair.reconstructed_profile()));
     }
     let figure = Figure {
         id: "decay-shift",
@@ -172,17 +172,17 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
 /// A line of voxels by the equations, and the same by the reconstructor.
 struct Pair {
     model: Voxels,
-    woven: ReconstructedLine,
+    reconstructed: ReconstructedLine,
 }
 
 impl Pair {
     fn new(at: Vec<f64>, kernel: AxisKernel, rule: Rule) -> Result<Self, Box<dyn Error>> {
-        Ok(Self { woven: ReconstructedLine::new(&at, rule)?, model: Voxels::new(at, kernel) })
+        Ok(Self { reconstructed: ReconstructedLine::new(&at, rule)?, model: Voxels::new(at, kernel) })
     }
 
     fn insert(&mut self, sample: Sample, rule: Rule) -> Result<(), Box<dyn Error>> {
         self.model.insert(sample, rule);
-        self.woven.insert(sample)
+        self.reconstructed.insert(sample)
     }
 
     fn profile(&self) -> Vec<[f64; 2]> {
@@ -190,24 +190,24 @@ impl Pair {
     }
 
     /// Returns every 20th voxel, since crosses have a size.
-    fn woven_profile(&self) -> Vec<[f64; 2]> {
-        points(&self.model.at, &self.woven.values()).into_iter().step_by(20).collect()
+    fn reconstructed_profile(&self) -> Vec<[f64; 2]> {
+        points(&self.model.at, &self.reconstructed.values()).into_iter().step_by(20).collect()
     }
 
     /// Returns the centres of what both show.
     fn centres(&self) -> [f64; 2] {
-        [self.model.values(), self.woven.values()].map(|values| centre(&self.model.at, &values))
+        [self.model.values(), self.reconstructed.values()].map(|values| centre(&self.model.at, &values))
     }
 
     fn check(&self, report: &mut Report, when: &str, (name, ..): Style) {
-        let [model, woven] = [self.model.values(), self.woven.values()];
+        let [model, reconstructed] = [self.model.values(), self.reconstructed.values()];
         // A slice's reach ends at a voxel or just before it: there a rounding error decides.
         // Such voxels are few.
         let off = |(m, w): (&Option<f64>, &Option<f64>)| match (m, w) {
             (Some(m), Some(w)) => (m - w).abs() > TOLERANCE,
             (m, w) => m.is_some() != w.is_some(),
         };
-        let count = model.iter().zip(&woven).filter(|pair| off(*pair)).count();
+        let count = model.iter().zip(&reconstructed).filter(|pair| off(*pair)).count();
         report.check(
             100 * count <= model.len(),
             format!(
@@ -252,7 +252,7 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let (mut lags, mut apart) = (Vec::new(), 0.0_f64);
     for (style, rule) in rules(RATE, wait) {
         let mut pair = Pair::new((0..=570).map(|i| f64::from(i) * 0.05).collect(), kernel, rule)?;
-        let ([mut shown, mut woven], mut squares) = ([Vec::new(), Vec::new()], 0.0);
+        let ([mut shown, mut reconstructed], mut squares) = ([Vec::new(), Vec::new()], 0.0);
         for pass in 0..PASSES {
             let [from, to] = if pass % 2 == 0 { ends } else { [ends[1], ends[0]] };
             for sample in sweep(from, to, f64::from(pass) * period, |at, _| blob(at, truth(pass))) {
@@ -260,11 +260,11 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
             }
             if pass == 1 {
                 profiles.push(series(style, pair.profile()));
-                profiles.push(crosses(style, pair.woven_profile()));
+                profiles.push(crosses(style, pair.reconstructed_profile()));
             }
             let centres = pair.centres();
             shown.push([f64::from(pass + 1), centres[0]]);
-            woven.push([f64::from(pass + 1), centres[1]]);
+            reconstructed.push([f64::from(pass + 1), centres[1]]);
             if pass > 0 {
                 squares += (centres[1] - truth(pass)).powi(2);
             }
@@ -273,7 +273,7 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         pair.check(report, "after all passes", style);
         lags.push((squares / f64::from(PASSES - 1)).sqrt());
         centres.push(series(style, shown));
-        centres.push(crosses(style, woven));
+        centres.push(crosses(style, reconstructed));
     }
     report.check(apart < TOLERANCE, format!("centres by the reconstructor are up to {apart} σ from the equations'"));
     let before = |pass: u32| (0..=570).map(|i| f64::from(i) * 0.05).map(|x| [x, blob(x, truth(pass))]).collect();
