@@ -61,7 +61,7 @@ pub(super) enum Found {
     /// Streaming, and the line begins in the middle of a record
     MidRecord,
     /// Streaming, and ignoring all commands but a restart
-    NoAnswer,
+    Deaf,
     /// An arm that was never homed
     Unhomed,
 }
@@ -106,12 +106,12 @@ impl Unit {
 
     /// Returns the possible initial states.
     pub(super) fn states(self) -> &'static [Found] {
-        use Found::{Inches, MidRecord, NoAnswer, Quiet, Streaming, Unhomed, WrongMode};
+        use Found::{Deaf, Inches, MidRecord, Quiet, Streaming, Unhomed, WrongMode};
         match self {
             Self::Ea1 => &[Quiet, Streaming, WrongMode, MidRecord, Unhomed],
             Self::Qsb => &[Quiet, Streaming, WrongMode],
             Self::Microscribe => &[Quiet, Streaming],
-            _ => &[Quiet, Streaming, WrongMode, Inches, MidRecord, NoAnswer],
+            _ => &[Quiet, Streaming, WrongMode, Inches, MidRecord, Deaf],
         }
     }
 
@@ -131,12 +131,12 @@ impl Unit {
     pub(super) fn tracker(self, motion: Motion, left: &Left) -> Result<Vec<Port>, Failure> {
         let Left { found, stations, rate_hz, faults, now_ns } = *left;
         let talks = found != Found::Quiet;
-        let text = matches!(found, Found::WrongMode | Found::NoAnswer);
+        let text = matches!(found, Found::WrongMode | Found::Deaf);
         let centimetres = talks && found != Found::Inches;
         let mode = if talks && !text { Mode::Binary } else { Mode::Ascii };
         let list = |pose: [u8; 2]| if talks && !text { pose.to_vec() } else { OTHER.to_vec() };
         let plugged = ((1_u32 << stations) - 1) as u16;
-        let deaf = found == Found::NoAnswer;
+        let deaf = found == Found::Deaf;
         fn port<M: simulated::Model + 'static>(unit: Unit, found: Found, mut twin: Simulated<M>, now_ns: i64) -> Port {
             if found == Found::MidRecord {
                 twin.leave_on_the_line(REST, now_ns);

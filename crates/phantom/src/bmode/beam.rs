@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3};
 
 use super::scatter::amplitude;
 use super::{Layout, Scanner};
-use crate::body::{Body, Material, Passage, SetupEvent};
+use crate::body::{Body, Material, Met, Passage};
 
 /// Losses in materials and at surfaces, according to a scanner's settings.
 #[derive(Debug, Clone)]
@@ -35,7 +35,7 @@ impl Loss {
 /// A straight path from the transducer, with all surfaces that it crosses.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Way {
-    met: SetupEvent,
+    met: Met,
     pub(super) passages: Vec<Passage>,
     first: u8,
     /// Round-trip amplitude that is left before each crossing.
@@ -46,7 +46,7 @@ impl Way {
     pub(super) fn with_room_for(body: &Body) -> Self {
         let most = 2 * body.solids.len();
         let (passages, left) = (Vec::with_capacity(most), Vec::with_capacity(most));
-        Self { met: SetupEvent::with_room_for(body), passages, first: 0, left }
+        Self { met: Met::with_room_for(body), passages, first: 0, left }
     }
 
     /// Follows a ray for `length` mm from `origin` along a unit vector, both in the body's

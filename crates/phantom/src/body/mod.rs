@@ -73,12 +73,12 @@ pub struct Passage {
 
 /// Solids hit by a line; reused between lines so that tracing allocates nothing.
 #[derive(Debug, Clone, Default)]
-pub struct SetupEvent {
+pub struct Met {
     spans: Vec<([f64; 2], u16)>,
     ends: Vec<(f64, u16)>,
 }
 
-impl SetupEvent {
+impl Met {
     /// Reserves space for all solids of a body.
     pub fn with_room_for(body: &Body) -> Self {
         let n = body.solids.len();
@@ -165,7 +165,7 @@ impl Body {
         origin: DVec3,
         direction: DVec3,
         length: f64,
-        met: &mut SetupEvent,
+        met: &mut Met,
         passages: &mut Vec<Passage>,
     ) -> u8 {
         passages.clear();
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn line_crosses_material_changes_in_order() {
         let body = nested();
-        let (mut met, mut passages) = (SetupEvent::with_room_for(&body), Vec::new());
+        let (mut met, mut passages) = (Met::with_room_for(&body), Vec::new());
         let first = body.trace(DVec3::ZERO, DVec3::Y, 50.0, &mut met, &mut passages);
         assert_eq!(first, 0);
         let found: Vec<_> = passages.iter().map(|p| (p.at.round(), p.from, p.to)).collect();
@@ -248,8 +248,7 @@ mod tests {
     #[test]
     fn traced_and_nearby_materials_match_points() {
         let body = nested();
-        let (mut met, mut passages, mut nearby) =
-            (SetupEvent::with_room_for(&body), Vec::new(), Nearby::with_room_for(&body));
+        let (mut met, mut passages, mut nearby) = (Met::with_room_for(&body), Vec::new(), Nearby::with_room_for(&body));
         for k in 0..200 {
             let origin = DVec3::new(f64::from(k % 20) - 10.0, -3.0, f64::from(k / 20) - 5.0);
             let direction = DVec3::new(0.01 * f64::from(k) - 1.0, 2.0, 0.3).normalize();
