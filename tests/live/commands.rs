@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use drivers::replay::Pace;
 use formats::session::WriterOptions;
 use pipeline::command::Command;
-use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, Wants, run};
+use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, VolumeRequest, run};
 use render::classify::transfer::Transfer;
 use render::{RenderSettings, Renderer};
 use sonoweave_core::clock::{Monotonic, SECOND};
@@ -145,23 +145,23 @@ struct Once {
 }
 
 impl Reader for Once {
-    fn wants(&self) -> Wants {
-        if self.wants.swap(false, Ordering::Relaxed) { Wants::Any } else { Wants::Nothing }
+    fn request(&self) -> VolumeRequest {
+        if self.wants.swap(false, Ordering::Relaxed) { VolumeRequest::Now } else { VolumeRequest::None }
     }
 
     fn volume(&self, volume: Result<Snapshot, String>) {
         *self.got.lock().unwrap() = Some(volume);
     }
 
-    fn weighs(&self) -> bool {
+    fn with_weights(&self) -> bool {
         true
     }
 
-    fn taking(&self, share: f64) {
+    fn progress(&self, share: f64) {
         self.shares.lock().unwrap().push(share);
     }
 
-    fn most_bytes(&self) -> u64 {
+    fn max_bytes(&self) -> u64 {
         1 << 30
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use pipeline::live::{CutWork, Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer};
+use pipeline::live::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 use render::section::{Planar, Plane, Sampled};
 
 use crate::script::{begin, frames as all_frames, poses};
@@ -24,12 +24,12 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// A viewer of a plane across the sweep, near its beginning, of one along it, and of an oblique
 /// one.
 #[derive(Default)]
-struct Surgeon {
+struct Viewer {
     looks: AtomicBool,
     /// Displacement of the plane along the sweep, mm, and the style number.
     aside: AtomicU64,
-    look: AtomicU64,
-    asked: AtomicU64,
+    style: AtomicU64,
+    requested: AtomicU64,
     /// While this is set, the viewer blocks.
     stuck: AtomicBool,
     seen: Mutex<Vec<Seen>>,
@@ -37,55 +37,55 @@ struct Surgeon {
 
 #[derive(Clone)]
 struct Seen {
-    wanted: PlaneRequest,
+    request: PlaneRequest,
     extent: Extent,
     sampled: Vec<Sampled>,
     slices: u64,
-    work: CutWork,
+    work: PlaneWork,
 }
 
 const ACROSS: usize = 0;
 const ALONG: usize = 1;
 const OBLIQUE: usize = 2;
 
-impl Surgeon {
+impl Viewer {
     fn seen(&self) -> Vec<Seen> {
         self.seen.lock().unwrap().clone()
     }
 
     fn of(&self, number: usize) -> Vec<Seen> {
-        self.seen().into_iter().filter(|seen| seen.wanted.number == number).collect()
+        self.seen().into_iter().filter(|seen| seen.request.number == number).collect()
     }
 
-    fn asked(&self) -> u64 {
-        self.asked.load(Ordering::Relaxed)
+    fn requested(&self) -> u64 {
+        self.requested.load(Ordering::Relaxed)
     }
 }
 
-impl PlaneViewer for Surgeon {
+impl PlaneViewer for Viewer {
     fn is_watched(&self) -> bool {
         self.looks.load(Ordering::Relaxed)
     }
 
-    fn wants(&self, extent: &Extent) -> Vec<PlaneRequest> {
-        self.asked.fetch_add(1, Ordering::Relaxed);
+    fn requested(&self, extent: &Extent) -> Vec<PlaneRequest> {
+        self.requested.fetch_add(1, Ordering::Relaxed);
         let aside = 10.0 + self.aside.load(Ordering::Relaxed) as f64;
         let planes = [
             (DVec3::new(16.0, 16.0, 2.0), DVec3::Z),
             (DVec3::new(aside, 16.0, 20.0), DVec3::X),
             (DVec3::new(16.0, 16.0, 20.0), DVec3::new(0.5, 0.3, 0.7)),
         ];
-        let look = self.look.load(Ordering::Relaxed);
+        let style = self.style.load(Ordering::Relaxed);
         let wanted = planes.into_iter().enumerate().map(|(number, (point, normal))| {
             let plane = Plane::new(point, normal, None).unwrap();
-            PlaneRequest { number, section: plane.cover(&extent.place, 0.7, 256).unwrap(), look }
+            PlaneRequest { number, section: plane.cover(&extent.place, 0.7, 256).unwrap(), style }
         });
         wanted.collect()
     }
 
-    fn cut(&self, cut: &PlaneImage<'_>) {
-        let PlaneImage { wanted, extent, sampled, slices, work, .. } = *cut;
-        self.seen.lock().unwrap().push(Seen { wanted, extent, sampled: sampled.to_vec(), slices, work });
+    fn show_plane(&self, image: &PlaneImage<'_>) {
+        let PlaneImage { request, extent, sampled, slices, work, .. } = *image;
+        self.seen.lock().unwrap().push(Seen { request, extent, sampled: sampled.to_vec(), slices, work });
         let begun = Instant::now();
         while self.stuck.load(Ordering::Relaxed) && begun.elapsed() < PATIENCE {
             std::thread::sleep(Duration::from_millis(2));
@@ -97,19 +97,19 @@ impl PlaneViewer for Surgeon {
     }
 }
 
-fn viewed_by(surgeon: &Arc<Surgeon>) -> Set {
+fn viewed_by(viewer: &Arc<Viewer>) -> Set {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
-    Set { cutter: Some(Arc::clone(surgeon) as Arc<dyn PlaneViewer>), ..set }
+    Set { cutter: Some(Arc::clone(viewer) as Arc<dyn PlaneViewer>), ..set }
 }
 
 /// Checks that the last image of each plane equals a sampling of the finished volume.
-fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
+fn are_the_volume_s(viewer: &Viewer, finished: &Finished) {
     let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
-    let last: BTreeMap<usize, Seen> = surgeon.seen().into_iter().map(|seen| (seen.wanted.number, seen)).collect();
+    let last: BTreeMap<usize, Seen> = viewer.seen().into_iter().map(|seen| (seen.request.number, seen)).collect();
     assert_eq!(last.len(), 3);
-    for (number, Seen { wanted, extent, sampled, .. }) in last {
-        let (expected, _) = Planar { volume, place: extent.place, pool: None }.sample(&wanted.section);
+    for (number, Seen { request, extent, sampled, .. }) in last {
+        let (expected, _) = Planar { volume, place: extent.place, pool: None }.sample(&request.section);
         let seen = expected.iter().filter(|sampled| sampled.is_seen()).count();
         assert!(seen > 500 && seen < expected.len(), "{number}: {seen} of {}", expected.len());
         assert!(sampled == expected, "{number}: the bits of the volume");
@@ -118,11 +118,11 @@ fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
 
 #[test]
 fn planes_equal_the_volume_bitwise() {
-    let surgeon = Arc::new(Surgeon { looks: true.into(), ..Surgeon::default() });
-    let (finished, _) = viewed_by(&surgeon).until(|status, _| status.ledger.frames.used == COUNT);
+    let viewer = Arc::new(Viewer { looks: true.into(), ..Viewer::default() });
+    let (finished, _) = viewed_by(&viewer).until(|status, _| status.ledger.frames.used == COUNT);
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
-    are_the_volume_s(&surgeon, &finished);
-    let seen = surgeon.seen();
+    are_the_volume_s(&viewer, &finished);
+    let seen = viewer.seen();
     let work = seen.last().unwrap().work;
     println!("{} pictures, {work:?}", seen.len());
     assert_eq!(work.shown, seen.len() as u64);
@@ -130,42 +130,42 @@ fn planes_equal_the_volume_bitwise() {
 
 #[test]
 fn plane_is_sampled_and_shown_only_on_changes() {
-    let surgeon = Arc::new(Surgeon::default());
+    let viewer = Arc::new(Viewer::default());
     let mut steps = Vec::new();
-    let (mut asked, mut last) = (0, CutWork::default());
+    let (mut requested, mut last) = (0, PlaneWork::default());
     let begun = Instant::now();
-    let (finished, _) = viewed_by(&surgeon).until(|status, _| {
+    let (finished, _) = viewed_by(&viewer).until(|status, _| {
         assert!(begun.elapsed() < PATIENCE, "{steps:?}");
-        let now = surgeon.asked();
-        let work = surgeon.seen().last().map_or(CutWork::default(), |seen| seen.work);
+        let now = viewer.requested();
+        let work = viewer.seen().last().map_or(PlaneWork::default(), |seen| seen.work);
         match steps.len() {
             // Without a viewer, nothing is queried or read.
             0 if status.ledger.frames.used >= PAST => {
-                assert_eq!((now, surgeon.seen().len()), (0, 0));
-                surgeon.looks.store(true, Ordering::Relaxed);
+                assert_eq!((now, viewer.seen().len()), (0, 0));
+                viewer.looks.store(true, Ordering::Relaxed);
             }
             // A new viewer sees all present slices, and the following ones.
-            1 if status.ledger.frames.used == COUNT && !surgeon.seen().is_empty() => asked = now,
-            2 if now >= asked + 4 => (asked, last) = (now, work),
+            1 if status.ledger.frames.used == COUNT && !viewer.seen().is_empty() => requested = now,
+            2 if now >= requested + 4 => (requested, last) = (now, work),
             // Without changes, nothing is done.
-            3 if now >= asked + 4 => {
+            3 if now >= requested + 4 => {
                 assert_eq!(work, last);
-                asked = now;
-                surgeon.look.store(1, Ordering::Relaxed);
+                requested = now;
+                viewer.style.store(1, Ordering::Relaxed);
             }
             // Another style reads and samples nothing.
-            4 if now >= asked + 3 => {
-                assert_eq!(work, CutWork { shown: last.shown + 3, ..last });
-                (asked, last) = (now, work);
-                surgeon.aside.store(9, Ordering::Relaxed);
+            4 if now >= requested + 3 => {
+                assert_eq!(work, PlaneWork { shown: last.shown + 3, ..last });
+                (requested, last) = (now, work);
+                viewer.aside.store(9, Ordering::Relaxed);
             }
             // Only a plane that moves is read.
-            5 if now >= asked + 3 => {
-                let CutWork { bricks, planes, shown } = work;
+            5 if now >= requested + 3 => {
+                let PlaneWork { bricks, planes, shown } = work;
                 assert!(bricks > last.bricks);
                 assert_eq!((planes, shown), (last.planes + 1, last.shown + 1));
-                surgeon.looks.store(false, Ordering::Relaxed);
-                asked = now;
+                viewer.looks.store(false, Ordering::Relaxed);
+                requested = now;
             }
             6 => return true,
             _ => return false,
@@ -176,26 +176,26 @@ fn plane_is_sampled_and_shown_only_on_changes() {
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     // The plane that the sweep has passed has one image per style, the other as many as time
     // permits.
-    let slices: Vec<u64> = surgeon.of(ACROSS).iter().map(|seen| seen.slices).collect();
+    let slices: Vec<u64> = viewer.of(ACROSS).iter().map(|seen| seen.slices).collect();
     assert_eq!(slices.len(), 2, "{slices:?}");
-    let along: Vec<u64> = surgeon.of(ALONG).iter().map(|seen| seen.slices).collect();
-    println!("across {slices:?}, along {along:?}, oblique {}", surgeon.of(OBLIQUE).len());
+    let along: Vec<u64> = viewer.of(ALONG).iter().map(|seen| seen.slices).collect();
+    println!("across {slices:?}, along {along:?}, oblique {}", viewer.of(OBLIQUE).len());
     assert!(slices[0] == COUNT || along.len() > 3, "{along:?}");
-    are_the_volume_s(&surgeon, &finished);
+    are_the_volume_s(&viewer, &finished);
 }
 
 #[test]
 fn stuck_plane_viewer_delays_no_slice() {
-    let surgeon = Arc::new(Surgeon { looks: true.into(), stuck: true.into(), ..Surgeon::default() });
+    let viewer = Arc::new(Viewer { looks: true.into(), stuck: true.into(), ..Viewer::default() });
     let mut inserted_meanwhile = 0;
-    let (finished, _) = viewed_by(&surgeon).until(|status, _| {
-        if surgeon.stuck.load(Ordering::Relaxed) && !surgeon.seen().is_empty() {
+    let (finished, _) = viewed_by(&viewer).until(|status, _| {
+        if viewer.stuck.load(Ordering::Relaxed) && !viewer.seen().is_empty() {
             inserted_meanwhile = status.ledger.frames.used;
-            surgeon.stuck.store(inserted_meanwhile < 50, Ordering::Relaxed);
+            viewer.stuck.store(inserted_meanwhile < 50, Ordering::Relaxed);
         }
         status.ledger.frames.used == COUNT
     });
     assert!(inserted_meanwhile >= 50, "slices are inserted while nobody answers: {inserted_meanwhile}");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
-    are_the_volume_s(&surgeon, &finished);
+    are_the_volume_s(&viewer, &finished);
 }

@@ -315,20 +315,20 @@ impl PlaneViewer for FrameBroadcaster {
         planes::KINDS.into_iter().any(|kind| self.is_viewed(kind))
     }
 
-    fn wants(&self, extent: &Extent) -> Vec<PlaneRequest> {
+    fn requested(&self, extent: &Extent) -> Vec<PlaneRequest> {
         self.planes().requests(extent, |kind| self.is_viewed(kind))
     }
 
-    fn cut(&self, cut: &PlaneImage<'_>) {
-        let (kind, size) = (planes::KINDS[cut.wanted.number], cut.wanted.section.size);
+    fn show_plane(&self, image: &PlaneImage<'_>) {
+        let (kind, size) = (planes::KINDS[image.request.number], image.request.section.size);
         let window = {
             let mut planes = self.planes();
-            planes.show(&cut.wanted);
+            planes.show(&image.request);
             planes.window()
         };
-        let pixels = planes::coloured(cut.sampled, size[0], window);
-        let times = (cut.item, cut.captured_ns.map(unix_ms));
-        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().to_json(cut, sequence)));
+        let pixels = planes::coloured(image.sampled, size[0], window);
+        let times = (image.item, image.captured_ns.map(unix_ms));
+        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().to_json(image, sequence)));
     }
 
     fn nothing(&self, why: &str) {

@@ -148,7 +148,7 @@ impl Planes {
         let section = |number| self.plane(number, extent).cover(&extent.place, extent.voxel_mm, MOST_PX);
         viewers
             .filter_map(|(number, _)| {
-                Some(PlaneRequest { number, section: section(number).ok()?, look: self.window_changes })
+                Some(PlaneRequest { number, section: section(number).ok()?, style: self.window_changes })
             })
             .collect()
     }
@@ -159,8 +159,8 @@ impl Planes {
     }
 
     /// Records the section displayed for a plane.
-    pub(super) fn show(&mut self, wanted: &PlaneRequest) {
-        self.shown[wanted.number] = Some(wanted.section);
+    pub(super) fn show(&mut self, request: &PlaneRequest) {
+        self.shown[request.number] = Some(request.section);
     }
 
     /// Returns the sections displayed last, of the subscribed kinds.
@@ -222,22 +222,22 @@ impl Planes {
     }
 
     /// Returns the description that precedes a plane's picture.
-    pub(super) fn to_json(&self, cut: &PlaneImage<'_>, sequence: u32) -> Value {
-        let PlaneImage { wanted, extent, sampled, slices, work, .. } = cut;
+    pub(super) fn to_json(&self, image: &PlaneImage<'_>, sequence: u32) -> Value {
+        let PlaneImage { request, extent, sampled, slices, work, .. } = image;
         let [first, right, down] =
-            [wanted.section.first, wanted.section.right, wanted.section.down].map(|v| v.to_array());
+            [request.section.first, request.section.right, request.section.down].map(|v| v.to_array());
         let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
         let to_world = extent.place.world_from_lattice;
         let edges =
             [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_world.transform_vector3(axis * (high - low)).to_array());
         json!({ "plane": {
-            "kind": KINDS[wanted.number] as u8,
+            "kind": KINDS[request.number] as u8,
             "sequence": sequence,
             "origin": first,
             "right": right,
             "down": down,
-            "size": wanted.section.size,
-            "mm_per_px": wanted.section.mm_per_px(),
+            "size": request.section.size,
+            "mm_per_px": request.section.mm_per_px(),
             "voxel_mm": extent.voxel_mm,
             "slices": slices,
             "volume": { "corner": to_world.transform_point3(low).to_array(), "edges": edges },
@@ -304,7 +304,7 @@ mod tests {
     use sonoweave_core::frames::Transform;
 
     use super::*;
-    use pipeline::live::CutWork;
+    use pipeline::live::PlaneWork;
     use render::section::Box3;
 
     fn extent() -> Extent {
@@ -322,22 +322,22 @@ mod tests {
     #[test]
     fn planes_default_cross_centre_orthogonally() {
         let mut planes = Planes::default();
-        let wanted = all(&mut planes);
-        assert_eq!(wanted.iter().map(|wanted| wanted.number).collect::<Vec<_>>(), [0, 1, 2, 3]);
+        let request = all(&mut planes);
+        assert_eq!(request.iter().map(|request| request.number).collect::<Vec<_>>(), [0, 1, 2, 3]);
         let place = extent().place;
-        for wanted in &wanted {
-            let section = wanted.section;
+        for request in &request {
+            let section = request.section;
             let normal = section.right.cross(section.down).normalize();
             assert!((section.first - place.middle()).dot(normal).abs() < 1e-6, "through the middle");
             assert!((section.mm_per_px() - 0.5).abs() < 1e-9 && section.size.iter().all(|side| *side <= MOST_PX));
         }
-        assert_eq!(wanted[0].section.size, [160, 96]);
-        assert_eq!(planes.requests(&extent(), |kind| kind == Kind::Free), wanted[3..]);
+        assert_eq!(request[0].section.size, [160, 96]);
+        assert_eq!(planes.requests(&extent(), |kind| kind == Kind::Free), request[3..]);
         // A larger volume has larger pixels.
         let mut far = extent();
         far.place.high = [4000, 95, 127];
         let large = planes.requests(&far, |_| true);
-        assert!(large.iter().all(|wanted| wanted.section.size.iter().all(|side| *side <= MOST_PX)));
+        assert!(large.iter().all(|request| request.section.size.iter().all(|side| *side <= MOST_PX)));
     }
 
     #[test]
@@ -351,8 +351,8 @@ mod tests {
         assert_eq!(before[0], after[0], "it moved within it");
         (1..4).for_each(|n| assert_ne!(before[n].section, after[n].section, "{n}"));
         // All planes go through the point.
-        for wanted in &after {
-            let section = wanted.section;
+        for request in &after {
+            let section = request.section;
             assert!((section.first - at).dot(section.right.cross(section.down).normalize()).abs() < 1e-5);
         }
         planes.steer(Move::Home).unwrap();
@@ -444,22 +444,22 @@ mod tests {
         let before = all(&mut planes);
         planes.steer(Move::Window([20.0, 80.0])).unwrap();
         let after = all(&mut planes);
-        assert!(before.iter().zip(&after).all(|(a, b)| a.section == b.section && a.look != b.look));
+        assert!(before.iter().zip(&after).all(|(a, b)| a.section == b.section && a.style != b.style));
         assert_eq!(planes.window(), [20.0, 80.0]);
         planes.usual([0.0, 200.0]);
         assert_eq!(planes.window(), [20.0, 80.0], "what somebody has chosen holds");
         planes.steer(Move::HomeWindow).unwrap();
         assert_eq!(planes.window(), [0.0, 200.0]);
-        let cut = PlaneImage {
-            wanted: after[3],
+        let image = PlaneImage {
+            request: after[3],
             extent: extent(),
             sampled: &sampled,
             slices: 5,
             item: 6,
             captured_ns: None,
-            work: CutWork::default(),
+            work: PlaneWork::default(),
         };
-        let to_json = planes.to_json(&cut, 9);
+        let to_json = planes.to_json(&image, 9);
         assert_eq!(
             (&to_json["plane"]["kind"], &to_json["plane"]["sequence"], &to_json["plane"]["slices"]),
             (&json!(6), &json!(9), &json!(5))

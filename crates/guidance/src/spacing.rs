@@ -64,7 +64,6 @@ fn reach(kernel: &AxisKernel) -> f64 {
 mod tests {
     use super::*;
     use std::sync::Arc;
-    use volume::Voxels as _;
 
     use glam::{DAffine3, DMat3, DVec3};
     use sonoweave_core::frames::Transform;

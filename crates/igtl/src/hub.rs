@@ -10,7 +10,7 @@ use tokio::sync::Notify;
 
 use drivers::openigtlink::Status;
 use pipeline::Observer;
-use pipeline::live::{Reader, Snapshot, Wants};
+use pipeline::live::{Reader, Snapshot, VolumeRequest};
 use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
 
@@ -132,15 +132,15 @@ impl Observer for Hub {
 }
 
 impl Reader for Hub {
-    fn wants(&self) -> Wants {
+    fn request(&self) -> VolumeRequest {
         let [unrequested, requested] = *self.next_volume.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         // Repeated requests are all answered, but no more often than this.
         if now >= requested && self.is_requested.swap(false, Ordering::Relaxed) {
-            return Wants::Any;
+            return VolumeRequest::Now;
         }
         let is_due = self.watchers.load(Ordering::Relaxed) > 0 && now >= unrequested;
-        if is_due { Wants::Changed } else { Wants::Nothing }
+        if is_due { VolumeRequest::IfChanged } else { VolumeRequest::None }
     }
 
     fn volume(&self, volume: Result<Snapshot, String>) {
@@ -161,7 +161,7 @@ impl Reader for Hub {
         self.changed.notify_one();
     }
 
-    fn most_bytes(&self) -> u64 {
+    fn max_bytes(&self) -> u64 {
         MOST_BYTES
     }
 }

@@ -15,7 +15,7 @@ use drivers::openigtlink::{
 };
 use export::volume::{DenseBox, Scalar};
 use pipeline::Observer as _;
-use pipeline::live::{Reader as _, Snapshot, Wants};
+use pipeline::live::{Reader as _, Snapshot, VolumeRequest};
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::reading::PixelType;
@@ -308,7 +308,7 @@ fn making(hub: &Arc<Hub>, size: [u64; 3]) -> (Arc<AtomicBool>, Arc<Mutex<u64>>, 
     let thread = std::thread::spawn(move || {
         while !reported.load(Ordering::Relaxed) {
             // The volume counts as changed each time.
-            if hub.wants() != Wants::Nothing {
+            if hub.request() != VolumeRequest::None {
                 let mut made = count.lock().unwrap();
                 *made += 1;
                 hub.volume(Ok(snapshot(size, *made)));

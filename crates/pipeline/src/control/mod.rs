@@ -36,7 +36,7 @@ use serde::Serialize;
 use config::bedside::SettingsOverride;
 
 use crate::command::Command;
-use crate::live::{Reader, Snapshot, Wants};
+use crate::live::{Reader, Snapshot, VolumeRequest};
 
 pub use replayed::{ReplayStatus, Replayed, ViewedFrame};
 
@@ -148,7 +148,7 @@ pub struct SessionController {
     replayed: Option<Replayed>,
     /// Whether the present operation is to end.
     turn: AtomicBool,
-    wants_volume: AtomicBool,
+    volume_requested: AtomicBool,
     state: Mutex<State>,
 }
 
@@ -254,7 +254,7 @@ impl SessionController {
                     return busy();
                 }
                 state.saving = Some(0.0);
-                self.wants_volume.store(true, Ordering::Relaxed);
+                self.volume_requested.store(true, Ordering::Relaxed);
                 Ok("the volume is being saved".into())
             }
         }
@@ -378,15 +378,15 @@ impl SessionController {
 }
 
 impl Reader for SessionController {
-    fn wants(&self) -> Wants {
-        if self.wants_volume.swap(false, Ordering::Relaxed) { Wants::Any } else { Wants::Nothing }
+    fn request(&self) -> VolumeRequest {
+        if self.volume_requested.swap(false, Ordering::Relaxed) { VolumeRequest::Now } else { VolumeRequest::None }
     }
 
-    fn weighs(&self) -> bool {
+    fn with_weights(&self) -> bool {
         true
     }
 
-    fn taking(&self, share: f64) {
+    fn progress(&self, share: f64) {
         self.state().saving = Some(share);
     }
 
@@ -403,7 +403,7 @@ impl Reader for SessionController {
         }
     }
 
-    fn most_bytes(&self) -> u64 {
+    fn max_bytes(&self) -> u64 {
         MOST_BYTES
     }
 }

@@ -103,12 +103,12 @@ fn save_uses_free_names_and_separates_black_from_unseen() {
     let place = tempfile::tempdir().unwrap();
     let controller = running(Some(place.path().join("kept")), false);
     controller.update("Tracker");
-    assert_eq!(controller.wants(), Wants::Nothing);
+    assert_eq!(controller.request(), VolumeRequest::None);
     for number in 1..=2 {
         assert!(controller.execute(Command::Save).is_ok());
         assert!(controller.execute(Command::Save).unwrap_err().contains("being saved"));
-        assert_eq!((controller.wants(), controller.wants()), (Wants::Any, Wants::Nothing), "once");
-        controller.taking(0.5);
+        assert_eq!((controller.request(), controller.request()), (VolumeRequest::Now, VolumeRequest::None), "once");
+        controller.progress(0.5);
         assert_eq!(controller.status().saving, Some(0.5));
         controller.volume(Ok(snapshot()));
         let status = controller.status();

@@ -42,10 +42,10 @@ pub trait PlaneViewer: Send + Sync {
     fn is_watched(&self) -> bool;
 
     /// Returns the requested planes, for a volume of this extent.
-    fn wants(&self, extent: &Extent) -> Vec<PlaneRequest>;
+    fn requested(&self, extent: &Extent) -> Vec<PlaneRequest>;
 
     /// Receives a plane's present image.
-    fn cut(&self, cut: &PlaneImage<'_>);
+    fn show_plane(&self, image: &PlaneImage<'_>);
 
     /// Receives the reason why there is no plane to show. Called once per reason.
     fn nothing(&self, why: &str);
@@ -71,7 +71,7 @@ pub struct PlaneRequest {
     pub section: Section,
     /// Style number, for instance of a grey-value window. If it changes, the plane is shown
     /// again without other changes.
-    pub look: u64,
+    pub style: u64,
 }
 
 /// A plane's present image. Slices that arrived while it was read may be in parts of it; then it
@@ -79,7 +79,7 @@ pub struct PlaneRequest {
 #[derive(Debug, Clone, Copy)]
 pub struct PlaneImage<'a> {
     /// The request.
-    pub wanted: PlaneRequest,
+    pub request: PlaneRequest,
     /// Extent of the volume.
     pub extent: Extent,
     /// Its pixels, row by row.
@@ -91,12 +91,12 @@ pub struct PlaneImage<'a> {
     /// Capture time of that frame, host ns; `None` in a replay.
     pub captured_ns: Option<i64>,
     /// Work done for planes so far.
-    pub work: CutWork,
+    pub work: PlaneWork,
 }
 
 /// Work done for planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct CutWork {
+pub struct PlaneWork {
     /// Bricks read while insertion waited.
     pub bricks: u64,
     /// Planes sampled.
@@ -126,13 +126,13 @@ struct Planes {
     shown: BTreeMap<usize, ShownPlane>,
     /// The last reported reason why there is nothing to show.
     nothing: String,
-    work: CutWork,
+    work: PlaneWork,
 }
 
 /// Shows planes until no slice follows; then their final state, if there is a viewer.
 pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer) {
     let mut planes: Option<Planes> = None;
-    let mut work = CutWork::default();
+    let mut work = PlaneWork::default();
     loop {
         let (began, spent) = (Instant::now(), spent());
         if viewer.is_watched() {
@@ -244,7 +244,7 @@ impl Planes {
         }
         let Some(span) = self.span else { return Err("no voxel was seen yet".into()) };
         let extent = extent(&first_slice, span);
-        let requested = viewer.wants(&extent);
+        let requested = viewer.requested(&extent);
         let footprints: Vec<PlaneFootprint> =
             requested.iter().map(|plane| PlaneFootprint::new(&plane.section, &extent.place)).collect();
         let moved: Vec<bool> = requested.iter().map(|plane| self.is_moved(plane) || changes.all).collect();
@@ -275,7 +275,15 @@ impl Planes {
                 self.work.shown += 1;
                 let Some(ShownPlane { sampled, .. }) = self.shown.get(&plane.number) else { continue };
                 let VolumeState { slices, item, captured_ns, .. } = state;
-                viewer.cut(&PlaneImage { wanted: plane, extent, sampled, slices, item, captured_ns, work: self.work });
+                viewer.show_plane(&PlaneImage {
+                    request: plane,
+                    extent,
+                    sampled,
+                    slices,
+                    item,
+                    captured_ns,
+                    work: self.work,
+                });
             }
         }
         Ok(())
@@ -333,7 +341,7 @@ impl Planes {
             return self.sample(plane, extent);
         }
         let Some(shown) = self.shown.get_mut(&plane.number) else { return false };
-        let mut is_other = shown.plane.look != plane.look;
+        let mut is_other = shown.plane.style != plane.style;
         shown.plane = plane;
         self.work.planes += u64::from(!hit.is_empty());
         let planar = Planar { volume: &self.subset, place: extent.place, pool: None };

@@ -18,32 +18,32 @@ const PAUSE: Duration = Duration::from_micros(200);
 /// Reads the volume on request.
 pub trait Reader: Send + Sync {
     /// Returns whether a volume is requested.
-    fn wants(&self) -> Wants;
+    fn request(&self) -> VolumeRequest;
 
     /// Receives the present volume, or the reason why there is none.
     fn volume(&self, volume: Result<Snapshot, String>);
 
     /// Returns whether the weights are requested too.
-    fn weighs(&self) -> bool {
+    fn with_weights(&self) -> bool {
         false
     }
 
     /// Receives the share of a requested volume that is read, 0 to 1.
-    fn taking(&self, _share: f64) {}
+    fn progress(&self, _share: f64) {}
 
     /// Returns the largest size of a volume, bytes; a larger one is not made.
-    fn most_bytes(&self) -> u64;
+    fn max_bytes(&self) -> u64;
 }
 
 /// A reader's request for a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wants {
+pub enum VolumeRequest {
     /// No volume now.
-    Nothing,
+    None,
     /// A volume if it has changed.
-    Changed,
+    IfChanged,
     /// A volume, changed or not.
-    Any,
+    Now,
 }
 
 /// A volume at a certain time. Slices that arrived while it was read may be in parts of it.
@@ -71,10 +71,10 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
             let shared = shared.lock();
             ((shared.pending.inserted, shared.pending.cleared), shared.ended)
         };
-        let is_requested = match reader.wants() {
-            Wants::Nothing => false,
-            Wants::Changed => Some(inserted) != seen,
-            Wants::Any => true,
+        let is_requested = match reader.request() {
+            VolumeRequest::None => false,
+            VolumeRequest::IfChanged => Some(inserted) != seen,
+            VolumeRequest::Now => true,
         };
         if is_requested {
             let taken = loop {
@@ -96,7 +96,7 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
 /// meanwhile.
 fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, String>> {
     let nothing = || Some(Err("no voxel was seen yet".to_owned()));
-    let most_bytes = reader.most_bytes();
+    let max_bytes = reader.max_bytes();
     let (space, encoding, lattice, slices, grey_levels) = {
         let shared = shared.lock();
         let (Some(reconstructor), Some(first)) = (shared.inserter.reconstructor(), shared.pending.first) else {
@@ -108,12 +108,12 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, Str
         (space, encoding, reconstructor.world_from_lattice(), shared.pending.slices(), first.pixels.grey_levels())
     };
     let [nx, ny, nz] = space.grid.size;
-    let of_weights = if reader.weighs() { Scalar::F32.bytes() } else { 0 };
+    let of_weights = if reader.with_weights() { Scalar::F32.bytes() } else { 0 };
     let of_voxel = encoding.scalar.bytes() + of_weights;
     let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(of_voxel));
-    let Some(bytes) = bytes.filter(|bytes| *bytes <= most_bytes) else {
+    let Some(bytes) = bytes.filter(|bytes| *bytes <= max_bytes) else {
         return Some(Err(format!(
-            "the volume has {nx}×{ny}×{nz} voxels, more than {most_bytes} bytes; choose a coarser volume.spacing_mm"
+            "the volume has {nx}×{ny}×{nz} voxels, more than {max_bytes} bytes; choose a coarser volume.spacing_mm"
         )));
     };
     // The cast is safe: `bytes` is within the checked limit.
@@ -133,7 +133,7 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, Str
         }
         drop(shared);
         z = until;
-        reader.taking(z as f64 / nz as f64);
+        reader.progress(z as f64 / nz as f64);
         // Threads that wait for the volume get it before it is locked again.
         std::thread::sleep(PAUSE);
     }

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use pipeline::live::{CutWork, Extent, PlaneImage, PlaneRequest, PlaneViewer as _};
+use pipeline::live::{Extent, PlaneImage, PlaneRequest, PlaneViewer as _, PlaneWork};
 use render::RenderSettings;
 use render::classify::transfer::Transfer;
 use render::section::{Box3, Sampled};
@@ -42,14 +42,14 @@ impl FrameBroadcaster {
 /// Publishes the requested planes; half of each is seen.
 fn cut(session: &Session, slices: u64) -> Vec<PlaneRequest> {
     let extent = extent();
-    let requested = session.broadcaster.wants(&extent);
+    let requested = session.broadcaster.requested(&extent);
     for requested in &requested {
         let seen = Sampled { value: 100.0, weight: 1.0, share: 1.0 };
         let pixels = requested.section.pixels();
         let sampled: Vec<Sampled> = (0..pixels).map(|n| if n < pixels / 2 { seen } else { Sampled::UNSEEN }).collect();
-        let (requested, work) = (*requested, CutWork::default());
-        session.broadcaster.cut(&PlaneImage {
-            wanted: requested,
+        let (requested, work) = (*requested, PlaneWork::default());
+        session.broadcaster.show_plane(&PlaneImage {
+            request: requested,
             extent,
             sampled: &sampled,
             slices,
@@ -136,7 +136,7 @@ fn only_page_in_control_moves_planes_and_window() {
         second.say(&message);
         assert!(second.word("refused").as_str().unwrap().contains("take over control"), "{message}");
     }
-    assert_eq!(session.broadcaster.wants(&extent()), before);
+    assert_eq!(session.broadcaster.requested(&extent()), before);
     for (message, expected) in [
         (json!({ "do": "cross", "at": [1e9, 0.0, 0.0] }), "outside the volume"),
         (json!({ "do": "cross", "at": [1.0, 2.0] }), "not a valid command"),
@@ -148,18 +148,18 @@ fn only_page_in_control_moves_planes_and_window() {
         first.say(&message);
         let refused = first.word("refused");
         assert!(refused.as_str().unwrap().contains(expected), "{message}: {refused}");
-        assert_eq!(session.broadcaster.wants(&extent()), before, "{message}");
+        assert_eq!(session.broadcaster.requested(&extent()), before, "{message}");
     }
     first.say(&cross);
-    until("the plane across z moves", || session.broadcaster.wants(&extent())[0] != before[0]);
-    let after = session.broadcaster.wants(&extent());
+    until("the plane across z moves", || session.broadcaster.requested(&extent())[0] != before[0]);
+    let after = session.broadcaster.requested(&extent());
     assert_eq!(after[1..], before[1..], "the others hold the way that it went");
     first.say(&json!({ "do": "tilt", "right": 30.0, "up": 0.0, "clockwise": 0.0 }));
-    until("the free one turns", || session.broadcaster.wants(&extent())[3] != after[3]);
+    until("the free one turns", || session.broadcaster.requested(&extent())[3] != after[3]);
     first.say(&json!({ "do": "reset", "of": "planes" }));
-    until("all are as they were", || session.broadcaster.wants(&extent()) == before);
+    until("all are as they were", || session.broadcaster.requested(&extent()) == before);
     first.say(&json!({ "do": "window", "black": 50.0, "white": 150.0 }));
-    until("they look otherwise", || session.broadcaster.wants(&extent())[0].look != before[0].look);
+    until("they look otherwise", || session.broadcaster.requested(&extent())[0].style != before[0].style);
     first.pictures.clear();
     cut(&session, 2);
     // The grey values of the window, and the window itself.
@@ -169,7 +169,7 @@ fn only_page_in_control_moves_planes_and_window() {
     }
     until("its picture comes", || first.picture()[40..43] == [128; 3]);
     first.say(&json!({ "do": "reset", "of": "window" }));
-    until("as configured", || session.broadcaster.wants(&extent())[0].look > before[0].look + 1);
+    until("as configured", || session.broadcaster.requested(&extent())[0].style > before[0].style + 1);
 }
 
 #[test]
