@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-use pipeline::live::{SessionStatus, StallDetector};
+use pipeline::session::{SessionStatus, StallDetector};
 
 /// Interval of the progress checks, unless the watchdog requires shorter ones. A turn takes a
 /// fraction of a second, or a few seconds while a device is opened.
@@ -151,7 +151,7 @@ fn started(status: &SessionStatus) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pipeline::live::DeviceStatus;
+    use pipeline::session::DeviceStatus;
 
     #[test]
     fn session_started_when_devices_run_or_report_errors() {

@@ -9,7 +9,7 @@ use drivers::OpenSettings;
 use drivers::replay::{Progress, SequenceSettings, SessionSettings};
 use formats::Limits;
 use formats::image::{About, Container, Content};
-use pipeline::live::{DeviceRole, RecordedDecisions};
+use pipeline::session::{DeviceRole, RecordedDecisions};
 use sonoweave_core::Device;
 use sonoweave_core::region::ClipRect;
 use sync::ingest::live::Gives;

@@ -1,6 +1,10 @@
 //! The failure of a command, as a sentence for the user.
 
 use config::Error;
+use pipeline::PipelineError;
+use reconstruct::Refused;
+use sync::NoPath;
+use volume::dense::DenseError;
 
 /// Reason why a command failed: a sentence for stderr, exit code 1.
 #[derive(Debug)]
@@ -17,12 +21,34 @@ impl<E: std::error::Error + 'static> From<E> for Failure {
 fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
     use formats::Error::{Damaged, NoSession};
     let mut causes = std::iter::successors(Some(error), |error| error.source());
+    if let Some(flags) = causes.clone().find_map(flags) {
+        return flags;
+    }
     match causes.find_map(|cause| cause.downcast_ref()) {
         Some(Damaged { .. }) => " by `sonoweave inspect FILE --repair OUT`, which lists the missing parts",
         Some(NoSession { source: formats::NoSession::Empty, .. }) => "",
         Some(NoSession { .. }) => "; give a file that `live --record` wrote",
         _ => "",
     }
+}
+
+/// Flags that place the image in the world.
+const CALIBRATION: &str = " (--config FILE, --image-to-probe, --world)";
+
+/// Returns the flags for the settings that the text of an error names.
+fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    if let Some(Refused::Memory { .. }) = error.downcast_ref() {
+        return Some(" (--spacing, --clip, --max-memory)");
+    }
+    if let Some(DenseError::Memory { .. }) = error.downcast_ref() {
+        return Some(" (--max-memory)");
+    }
+    match error.downcast_ref() {
+        Some(PipelineError::NoGap) => return Some(" (--sigma, --resolution)"),
+        Some(PipelineError::NoPath(_)) => return Some(CALIBRATION),
+        _ => {}
+    }
+    error.downcast_ref::<NoPath>().map(|_| CALIBRATION)
 }
 
 impl Failure {

@@ -11,7 +11,7 @@ use clap::Args;
 use igtl::{Commands, Hub, Server};
 use pipeline::Observer;
 use pipeline::control::SessionController;
-use pipeline::live::{Reader, Session};
+use pipeline::session::{Reader, Session};
 
 use super::Failure;
 use super::live::outputs::say;

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
 use drivers::replay::{SessionReplay, SessionSettings};
-use pipeline::live::{DeviceRole, Latencies, walk};
+use pipeline::session::{DeviceRole, Latencies, walk};
 use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 use sync::clock::{TimeFlags, Timed};
 use sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};

@@ -68,7 +68,7 @@ fn replay_with_other_settings_equals_their_result() {
         ),
         (json!({ "do": "record" }), "this session is a recording"),
         (json!({ "do": "clear" }), "this session is a recording"),
-        (json!({ "do": "save" }), "--keep DIR"),
+        (json!({ "do": "save" }), "no folder to save in"),
     ] {
         let (code, answer) = post_command(&address, &what);
         assert!(code == 409 && answer["refused"].as_str().unwrap().contains(says), "{what}: {code} {answer}");

@@ -92,7 +92,7 @@ fn save_commands_without_folder_are_refused_harmlessly() {
     for command in ["record", "save", "snapshot"] {
         let (code, answer) = post_command(&address, &json!({ "do": command }));
         assert_eq!(code, 409, "{answer}");
-        assert!(answer["refused"].as_str().unwrap().contains("--keep DIR"), "{answer}");
+        assert!(answer["refused"].as_str().unwrap().contains("no folder to save in"), "{answer}");
     }
     let (code, answer) = post_command(&address, &json!({ "do": "save", "to": "/etc/passwd" }));
     assert_eq!(code, 422, "{answer}");

@@ -88,7 +88,7 @@ fn unplaced_sequence_reports_reason_and_refusals() {
     let place = Place::new();
     place.put("s.mha", Sequence { transform: "ProbeToTracker", ..Sequence::default() }.bytes());
     let p = &report(&place, "s.mha")["placement"];
-    assert!(p["problem"].as_str().unwrap().contains("give --config FILE with ImageToProbe"), "{p}");
+    assert!(p["problem"].as_str().unwrap().contains("give a configuration with ImageToProbe"), "{p}");
     assert_eq!(p["frames"]["refused"], json!({ "no_path": 6 }));
     let rf = Sequence {
         transform: "ProbeToTracker",

@@ -138,7 +138,12 @@ fn tilted_frame_is_refused_or_upgrades_as_requested() {
     let command = "reconstruct s.mha -o v2.mha --clip none --spacing 0.5 --path planar";
     place.refuses(
         &format!("{command} --departure refuse"),
-        &["--path planar: frame 3", "leaves the scan's plane", "voxel off, 0.25 is allowed", "--departure upgrade"],
+        &[
+            "the planar path was requested, but frame 3",
+            "leaves the scan's plane",
+            "voxel off, 0.25 is allowed",
+            "the upgrade on departure",
+        ],
     );
     let (s, said) = reconstruct(&place, "--clip none --spacing 0.5 --path planar");
     assert_eq!(s["path"], "planar, then general");
@@ -156,7 +161,7 @@ fn non_rectangular_mask_is_refused_or_upgrades_as_requested() {
     let fan = "--fan 30,-30,35,85,-20,20 --path planar";
     place.refuses(
         &format!("reconstruct s.mha -o v2.mha {fan} --departure refuse"),
-        &["no rectangle", "--path general", "--departure upgrade"],
+        &["no rectangle", "the general path", "the upgrade on departure"],
     );
     let (s, said) = reconstruct(&place, fan);
     assert_eq!(s["path"], "planar, then general");

@@ -202,11 +202,12 @@ fn invalid_poses_are_refused() {
 fn absent_frame_range_is_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
-    let says =
-        |range: &str| format!("--frames {range} holds no frame that can be used: the recording has frames 0 to 5");
+    let says = |range: &str| format!("the frames {range} hold none that can be used: the recording has frames 0 to 5");
     place.refuses("reconstruct s.mha -o v.mha --frames 6..9", &[&says("6..9")]);
-    place
-        .refuses("reconstruct s.mha -o v.mha --frames 1000..", &["--frames 1000..", "the recording has frames 0 to 5"]);
+    place.refuses(
+        "reconstruct s.mha -o v.mha --frames 1000..",
+        &["the frames 1000..", "the recording has frames 0 to 5"],
+    );
 }
 
 #[test]

@@ -176,7 +176,10 @@ fn region_and_weight_flags_take_effect() {
         "reconstruct s.mha -o w.mha --clip none --max-weight 2e6",
         &["between 1 and 1e6 slices", "not at 2000000"],
     );
-    place.refuses("reconstruct s.mha -o w.mha --clip none --max-memory 0.0001", &["more bricks", "raise --max-memory"]);
+    place.refuses(
+        "reconstruct s.mha -o w.mha --clip none --max-memory 0.0001",
+        &["more bricks", "raise the memory limit", "--max-memory"],
+    );
     let names = place.names();
     assert_eq!(names, BTreeSet::from(["s.json", "s.mha", "v.mha"].map(str::to_owned)));
 }

@@ -9,7 +9,7 @@ use sonoweave::devices::{self, Devices};
 
 use config::bedside::Bedside;
 use drivers::simulated::{Faults, Joints, ea1};
-use pipeline::live::SessionStatus;
+use pipeline::session::SessionStatus;
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::reading::AXES;
 use sonoweave_core::refusal::Reason;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use drivers::replay::Pace;
 use formats::session::WriterOptions;
 use pipeline::command::Command;
-use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, VolumeRequest, run};
+use pipeline::session::{Drawn, First, NoVolume, Reader, Session, Snapshot, ViewClient, VolumeRequest, run};
 use render::classify::transfer::Transfer;
 use render::{RenderSettings, Renderer};
 use sonoweave_core::clock::{Monotonic, SECOND};
@@ -140,7 +140,7 @@ fn stop_command_ends_session_with_slices_so_far() {
 #[derive(Default)]
 struct Once {
     wants: AtomicBool,
-    got: Mutex<Option<Result<Snapshot, String>>>,
+    got: Mutex<Option<Result<Snapshot, NoVolume>>>,
     shares: Mutex<Vec<f64>>,
 }
 
@@ -149,7 +149,7 @@ impl Reader for Once {
         if self.wants.swap(false, Ordering::Relaxed) { VolumeRequest::Now } else { VolumeRequest::None }
     }
 
-    fn volume(&self, volume: Result<Snapshot, String>) {
+    fn volume(&self, volume: Result<Snapshot, NoVolume>) {
         *self.got.lock().unwrap() = Some(volume);
     }
 

@@ -10,7 +10,7 @@ use drivers::simulated::Faults;
 use drivers::simulated::grabber::Grabber;
 use formats::Limits;
 use formats::session::{About, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions};
-use pipeline::live::{Finished, Recording};
+use pipeline::session::{Finished, Recording};
 use sonoweave_core::Reading;
 use sonoweave_core::clock::{MS, Monotonic, SECOND};
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use pipeline::live::{Drawn, First, ViewClient};
+use pipeline::session::{Drawn, First, ViewClient};
 use render::RenderSettings;
 use render::camera::View;
 use render::classify::transfer::Transfer;
@@ -182,7 +182,7 @@ impl ViewClient for Visitor {
 }
 
 /// A session that continues until a command ends it.
-fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipeline::live::Finished {
+fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipeline::session::Finished {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
     let begun = Instant::now();

@@ -3,7 +3,7 @@
 use tempfile::NamedTempFile;
 
 use formats::session::WriterOptions;
-use pipeline::live::{Latencies, walk};
+use pipeline::session::{Latencies, walk};
 use sonoweave_core::clock::SECOND;
 use sync::ingest::live::Live;
 

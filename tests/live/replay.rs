@@ -10,7 +10,7 @@ use tempfile::NamedTempFile;
 
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use formats::session::WriterOptions;
-use pipeline::live::{
+use pipeline::session::{
     DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, Source, ViewClient, run,
 };
 use render::RenderSettings;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use pipeline::live::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
+use pipeline::session::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 use render::section::{Planar, Plane, Sampled};
 
 use crate::script::{begin, frames as all_frames, poses};

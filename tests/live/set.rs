@@ -10,7 +10,7 @@ use glam::DVec3;
 use formats::session::{SessionWriter, Store, WriterOptions};
 use mask::{Clip, MaskSettings};
 use pipeline::command::Instruction;
-use pipeline::live::{
+use pipeline::session::{
     DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice, SessionInputs,
     SessionStatus, Source, ViewClient, Watch, Written, record_only, run,
 };

@@ -7,7 +7,7 @@ use glam::DVec3;
 use calibration::tracker::zones::{Zone, Zones};
 use drivers::replay::Pace;
 use formats::session::WriterOptions;
-use pipeline::live::{InZones, Watch};
+use pipeline::session::{InZones, Watch};
 
 use crate::replay::again;
 use crate::script::{begin, frames as all_frames, poses};

@@ -13,7 +13,7 @@ use glam::DVec3;
 use tokio::sync::{oneshot, watch};
 
 use guidance::ScanGuidance;
-use pipeline::live::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
+use pipeline::session::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
 use render::{RenderSettings, Renderer};

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use config::bedside::Effective;
 use guidance::GuidanceStatus;
 use measure::Uncertainty;
-use pipeline::live::SessionStatus;
+use pipeline::session::SessionStatus;
 use statistics::LiveStatistics;
 
 /// Description of a session for pages.

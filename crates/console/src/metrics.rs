@@ -6,7 +6,7 @@
 
 use std::fmt::Write as _;
 
-use pipeline::live::{SessionStatus, Spread, Written};
+use pipeline::session::{SessionStatus, Spread, Written};
 use statistics::LiveStatistics;
 use sync::clock::State;
 
@@ -204,7 +204,7 @@ fn devices(to: &mut Exposition, account: &SessionStatus) {
     for device in devices {
         state.sample(&[("device", &device.name), ("state", device.state)], 1.0);
     }
-    type Count = fn(&pipeline::live::DeviceStatus) -> u64;
+    type Count = fn(&pipeline::session::DeviceStatus) -> u64;
     let counts: [(&'static str, &str, Count); 4] = [
         ("sonoweave_device_received_bytes_total", "Bytes received.", |device| device.bytes),
         ("sonoweave_device_readings_total", "Readings, or frames, that the device delivered.", |device| {

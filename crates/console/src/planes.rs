@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
 use export::panel::grey;
-use pipeline::live::{Extent, PlaneImage, PlaneRequest};
+use pipeline::session::{Extent, PlaneImage, PlaneRequest};
 use render::section::{Plane, Sampled, Section};
 
 use super::encoded_frame::{Kind, Pixmap};
@@ -304,7 +304,7 @@ mod tests {
     use sonoweave_core::frames::Transform;
 
     use super::*;
-    use pipeline::live::PlaneWork;
+    use pipeline::session::PlaneWork;
     use render::section::Box3;
 
     fn extent() -> Extent {

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use pipeline::live::{DeviceStatus, SessionStatus};
+use pipeline::session::{DeviceStatus, SessionStatus};
 use sync::clock::State;
 
 use super::encoded_frame::Kind;

@@ -25,7 +25,7 @@ use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use mask::MaskSettings;
 use pipeline::control::SessionController;
-use pipeline::live::{ClockStatus, DeviceStatus, SessionStatus, Unwritten, Written};
+use pipeline::session::{ClockStatus, DeviceStatus, SessionStatus, Unwritten, Written};
 use sonoweave_core::ledger::{Queue, Readings};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::clock;

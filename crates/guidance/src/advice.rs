@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-use pipeline::live::SessionStatus;
+use pipeline::session::SessionStatus;
 use sonoweave_core::clock::MS;
 
 use super::contact::Contact;

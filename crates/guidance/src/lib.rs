@@ -34,7 +34,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 
 use mask::{Mask, MaskPlan, MaskSettings};
-use pipeline::live::SessionStatus;
+use pipeline::session::SessionStatus;
 use pipeline::{CapturedFrame, Observer};
 use sonoweave_core::clock::SECOND;
 use sonoweave_core::slice::Slice;

@@ -7,7 +7,7 @@ use std::time::Instant;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use mask::Clip;
-use pipeline::live::InZones;
+use pipeline::session::InZones;
 use sonoweave_core::clock::{MS, SECOND};
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use sonoweave_core::region::ClipRect;

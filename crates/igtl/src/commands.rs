@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 
 use pipeline::command::Command;
 use pipeline::control::{SessionController, keep};
-use pipeline::live::Snapshot;
+use pipeline::session::Snapshot;
 
 use super::error::IgtlError;
 

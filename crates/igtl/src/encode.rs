@@ -8,7 +8,7 @@ use drivers::openigtlink::{
     Content, Coordinates, Datum, Fixed, Image, Matrix, Message, Position, Status, TimeStamp, Tool, ToolKind,
     Unwritable, Version,
 };
-use pipeline::live::Snapshot;
+use pipeline::session::Snapshot;
 use sonoweave_core::clock::{Clock as _, Monotonic, SECOND, wall_ns};
 use sonoweave_core::reading::{PixelType, transform_name};
 use sonoweave_core::slice::{Pixels, Slice};

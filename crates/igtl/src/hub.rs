@@ -10,7 +10,7 @@ use tokio::sync::Notify;
 
 use drivers::openigtlink::Status;
 use pipeline::Observer;
-use pipeline::live::{Reader, Snapshot, VolumeRequest};
+use pipeline::session::{NoVolume, Reader, Snapshot, VolumeRequest};
 use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
 
@@ -143,8 +143,8 @@ impl Reader for Hub {
         if is_due { VolumeRequest::IfChanged } else { VolumeRequest::None }
     }
 
-    fn volume(&self, volume: Result<Snapshot, String>) {
-        let volume = volume.and_then(|snapshot| {
+    fn volume(&self, volume: Result<Snapshot, NoVolume>) {
+        let volume = volume.map_err(|error| error.to_string()).and_then(|snapshot| {
             let size = snapshot.space.grid.size;
             let fits = size.iter().all(|n| *n <= MOST_VOXELS);
             let why = || {

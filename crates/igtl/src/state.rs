@@ -8,7 +8,7 @@ use std::sync::atomic::Ordering;
 
 use tokio::time::Instant;
 
-use pipeline::live::Snapshot;
+use pipeline::session::Snapshot;
 use sync::history::PoseSample;
 
 use super::client::Client;

@@ -15,7 +15,7 @@ use drivers::openigtlink::{
 };
 use export::volume::{DenseBox, Scalar};
 use pipeline::Observer as _;
-use pipeline::live::{Reader as _, Snapshot, VolumeRequest};
+use pipeline::session::{Reader as _, Snapshot, VolumeRequest};
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::reading::PixelType;
@@ -345,10 +345,10 @@ fn volume_is_sent_on_request_and_pushed_at_limited_rate() {
     ends.store(true, Ordering::Relaxed);
     thread.join().unwrap();
     // A missing volume is reported.
-    bench.hub.volume(Err("no voxel was seen yet".into()));
+    bench.hub.volume(Err(pipeline::session::NoVolume::Unseen));
     peer.get("IMAGE", "Volume_Reference");
     std::thread::sleep(Duration::from_millis(100));
-    bench.hub.volume(Err("no voxel was seen yet".into()));
+    bench.hub.volume(Err(pipeline::session::NoVolume::Unseen));
     assert!(matches!(peer.named("IMAGE", "Volume_Reference").content, Content::Nothing(_)));
 }
 

@@ -155,7 +155,7 @@ impl AutoMask {
     fn sides(&self, live: &[bool], all: &[Run]) -> Found {
         let (width, height) = (self.width as usize, self.height as usize);
         let (Some(first), Some(last)) = (all.first(), all.last()) else {
-            let note = "the first frames are all black: the whole frame is taken as data; --clip says otherwise".into();
+            let note = "the first frames are all black: the whole frame counts as data; set a clip otherwise".into();
             return Found { mask: Mask::full(self.width, self.height), recognised: false, notes: vec![note] };
         };
         let (top, bottom) = (first.row, last.row + 1);
@@ -184,7 +184,7 @@ impl AutoMask {
             Vec::new()
         } else {
             vec![format!(
-                "no picture edge found on the {}: the frame's edge is taken; --clip or --clip none says otherwise",
+                "no picture edge found on the {}: the frame's edge counts; set a clip, or none, otherwise",
                 open.join(", ")
             )]
         };

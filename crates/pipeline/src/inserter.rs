@@ -319,7 +319,7 @@ fn narrow(reconstructor: &PathReconstructor, off_plane: OffPlane) -> Option<Stri
     (!narrow.is_empty()).then(|| {
         format!(
             "the kernel's σ is below {IN_PLANE_SIGMA} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
-             far apart leave holes; choose a finer --spacing or a larger --sigma",
+             far apart leave holes; choose a finer spacing or a larger σ",
             narrow.join(", ")
         )
     })

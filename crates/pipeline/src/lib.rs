@@ -1,7 +1,7 @@
 //! The stages in flow order. Threads between them are started only here.
 //!
-//! - [`live`]: devices, a recorded session or a recorded sequence to a volume and its picture, one
-//!   thread per stage.
+//! - [`session`]: devices, a recorded session or a recorded sequence to a volume and its picture,
+//!   one thread per stage.
 //! - [`command`]: the commands to a session.
 //! - `inserter`: the inserter, from slices through the mask into the volume.
 //! - `outcome`: the result of a run.
@@ -10,9 +10,9 @@
 pub mod command;
 pub mod control;
 mod inserter;
-pub mod live;
 mod observer;
 mod outcome;
+pub mod session;
 pub mod trace;
 
 pub use inserter::OffPlane;
@@ -75,7 +75,7 @@ pub enum PipelineError {
     #[error(transparent)]
     Settings(#[from] SettingsError),
     /// The planar path was requested, but the poses do not permit it.
-    #[error("--path planar: {0}")]
+    #[error("the planar path was requested, but {0}")]
     NotPlanar(#[from] NotPlanar),
     /// The volume exceeds its memory limit.
     #[error("frame {item}: {source}")]
@@ -91,7 +91,7 @@ pub enum PipelineError {
     NothingUsed(Box<Ledger>),
     /// The requested frames are not in the recording, or none of them has a usable pose.
     #[error(
-        "--frames {start}..{end} holds no frame that can be used: the recording has frames 0 to {last}",
+        "the frames {start}..{end} hold none that can be used: the recording has frames 0 to {last}",
         start = frames.start,
         end = if frames.end == u64::MAX { String::new() } else { frames.end.to_string() },
         last = total.saturating_sub(1)
@@ -103,7 +103,7 @@ pub enum PipelineError {
         total: u64,
     },
     /// There are too few slices to determine the gap between them.
-    #[error("--sigma auto needs at least two slices with poses in different places; give --sigma or --resolution")]
+    #[error("the automatic σ needs at least two slices with poses in different places; choose a σ or a resolution")]
     NoGap,
     /// The observer failed.
     #[error(transparent)]

@@ -31,7 +31,7 @@ pub enum Refused {
     OutOfTime,
     /// The volume would take more memory than allowed.
     #[error(
-        "the volume would need {needed} more bricks of 8×8×8 voxels than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise --max-memory"
+        "the volume would need {needed} more bricks of 8×8×8 voxels than the limit of {limit_bytes} bytes allows: choose a coarser spacing, crop the picture, or raise the memory limit"
     )]
     Memory {
         /// Bricks beyond the limit; at least this many.

@@ -177,7 +177,7 @@ pub enum SettingsError {
     #[error("the tolerance about the scan's plane must be a number of voxels, 0 or more, not {0}")]
     Tolerance(f64),
     /// The planar path does not support the setting.
-    #[error("the planar path does not support {0}: choose --path general")]
+    #[error("the planar path does not support {0}: choose the general path")]
     BeyondPlanar(String),
     /// The planar path cannot hold data with this mask.
     #[error(transparent)]
@@ -199,7 +199,7 @@ pub enum SettingsError {
     EmptyMask,
     /// The image is too fine for its kernel.
     #[error(
-        "the filtered picture would have {0} nodes, more than the {most} that it may have: give a larger --sigma or a smaller --clip",
+        "the filtered picture would have {0} nodes, more than the {most} that it may have: choose a larger σ or a smaller clip",
         most = MOST_NODES
     )]
     Nodes(usize),
@@ -208,12 +208,12 @@ pub enum SettingsError {
     Decay(#[from] DecayError),
     /// Invalid limit of the weight.
     #[error(
-        "the largest weight must lie between 1 and {most:e} slices, not at {0}: beyond, sums in single precision lose what a slice adds; choose a smaller --max-weight",
+        "the largest weight must lie between 1 and {most:e} slices, not at {0}: beyond, sums in single precision lose what a slice adds; choose a smaller largest weight",
         most = MOST_WEIGHT
     )]
     MaxWeight(f64),
     /// This machine lacks the instruction set.
-    #[error("this machine has no {0}: choose --simd auto")]
+    #[error("this machine has no {0}: choose automatic instructions")]
     Simd(&'static str),
     /// No memory even for an empty volume.
     #[error("no memory for the volume: {0}")]

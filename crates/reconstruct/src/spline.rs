@@ -81,7 +81,7 @@ pub struct PhaseTaps {
 pub enum SplineError {
     /// The kernel would fall between pixels.
     #[error(
-        "the in-plane kernel's σ of {sigma_px:.3} pixels leaves gaps between pixels: at least {least} is needed, give a larger --sigma"
+        "the in-plane kernel's σ of {sigma_px:.3} pixels leaves gaps between pixels: at least {least} is needed, choose a larger σ"
     )]
     TooNarrow {
         /// σ in pixels.
@@ -91,7 +91,7 @@ pub enum SplineError {
     },
     /// The kernel covers more pixels than any sensible filter.
     #[error(
-        "the in-plane kernel reaches over {support_px:.0} pixels to each side; {most} are the most: give a smaller --sigma or support"
+        "the in-plane kernel reaches over {support_px:.0} pixels to each side; {most} are the most: choose a smaller σ or support"
     )]
     TooWide {
         /// Half width in pixels.

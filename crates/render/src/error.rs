@@ -21,7 +21,7 @@ pub enum RenderError {
     },
     /// An invalid step, or one so short that rays would have too many samples.
     #[error(
-        "a step of {step} voxels is none, or would take {samples} samples a ray, of which there may be {most}: choose a longer --step",
+        "a step of {step} voxels is none, or would take {samples} samples a ray, of which there may be {most}: choose a longer step",
         most = view::MOST_SAMPLES
     )]
     Step {
@@ -41,7 +41,7 @@ pub enum RenderError {
         high: [i64; 3],
     },
     /// Blocks without samples.
-    #[error("blocks of 0 samples hold none: --arity must be 1 or more")]
+    #[error("blocks of 0 samples hold none: the arity must be 1 or more")]
     Arity,
     /// An invalid isovalue.
     #[error("there is no surface of the intensity {value}: the isovalue must be a finite number of grey levels")]
@@ -57,7 +57,7 @@ pub enum RenderError {
     },
     /// An invalid pixel difference.
     #[error(
-        "rays cannot be left out for differences of {epsilon}: --adaptive must lie between 0, which casts all, and 1"
+        "rays cannot be left out for differences of {epsilon}: the tolerance must lie between 0, which casts all, and 1"
     )]
     Adaptive {
         /// The difference.
@@ -65,7 +65,7 @@ pub enum RenderError {
     },
     /// Adaptive rays are not available in this mode.
     #[error(
-        "--adaptive leaves rays out where voxels are classified, in the modes shaded and opacity without --shading sample; for mode {mode} give --adaptive 0"
+        "rays can be left out where voxels are classified, in the modes shaded and opacity without shading by samples; for mode {mode} choose adaptive 0"
     )]
     AdaptiveMode {
         /// The mode.

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use config::bedside::Effective;
 use guidance::GuidanceStatus;
-use pipeline::live::SessionStatus;
+use pipeline::session::SessionStatus;
 
 use super::process::ProcessNumbers;
 

@@ -151,15 +151,14 @@ impl NoPath {
             return "a sequence without transforms cannot be placed in space; is it the right file?".into();
         }
         if self.sequence.iter().chain(&self.configuration).any(starts) {
-            return "name a frame that the transforms reach with --world, or give the missing one in --config FILE"
-                .into();
+            return "name a world that the transforms reach, or give the missing transform in the configuration".into();
         }
         // A calibration must end at a frame that the sequence tracks.
         let tracked = |name: &str| self.sequence.iter().any(|t| t.starts_with(&format!("{name}To")));
         if tracked("Probe") {
-            format!("give --config FILE with {image}ToProbe, or --image-to-probe")
+            format!("give a configuration with {image}ToProbe")
         } else {
-            format!("the calibration in --config FILE must lead from {image} to a frame that the sequence tracks")
+            format!("the calibration in the configuration must lead from {image} to a frame that the sequence tracks")
         }
     }
 }
@@ -223,7 +222,7 @@ mod tests {
         assert_eq!(
             error(&["ProbeToTracker", "ReferenceToTracker"], &[]),
             "no way from Image to Reference: the sequence holds ProbeToTracker, ReferenceToTracker, the configuration holds no \
-             transform; give --config FILE with ImageToProbe, or --image-to-probe"
+             transform; give a configuration with ImageToProbe"
         );
         assert!(error(&["ToolToTracker"], &[]).ends_with("to a frame that the sequence tracks"));
         assert!(error(&["ProbeToTracker"], &["ImageToProbe"]).contains("--world"));

@@ -82,7 +82,7 @@ pub enum DenseError {
     },
     /// More memory than allowed.
     #[error(
-        "{path}: {size:?} voxels would take {needed:.1} GiB of memory, of which {limit:.1} may be taken: raise --max-memory, or crop the volume",
+        "{path}: {size:?} voxels would take {needed:.1} GiB of memory, of which {limit:.1} may be taken: raise the memory limit, or crop the volume",
         path = path.display(), needed = gib(*needed_bytes), limit = gib(*limit_bytes)
     )]
     Memory {
@@ -404,12 +404,12 @@ fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f3
     }
     if let Some(unseen) = unseen.filter(|_| named > 0) {
         notes.push(format!(
-            "{named} voxels of the value {unseen}, the header's {UNSEEN_FIELD}, count as not seen; --weights would tell those that were"
+            "{named} voxels of the value {unseen}, the header's {UNSEEN_FIELD}, count as not seen; the weights would show those that were"
         ));
     }
     if let (false, Some([count])) = (has_weights, field::<u64, 1>(header, FILLED_FIELD).filter(|[count]| *count > 0)) {
         notes.push(format!(
-            "{count} voxels were filled from those around them, by the header's {FILLED_FIELD}, and are shown like seen ones; --weights would tell them apart"
+            "{count} voxels were filled from those around them, by the header's {FILLED_FIELD}, and are shown like seen ones; the weights would show which"
         ));
     }
     notes

@@ -68,14 +68,14 @@ impl Overlap {
             let turned = (0..3).map(|k| (along[k] - b.axes[axis][k]).abs()).fold(0.0, f64::max);
             if turned * longest > SAME_LATTICE {
                 return Err(Apart::Lattices(
-                    "their axes have different directions, as those of a planar scan and of the world: reconstruct both with --path general"
+                    "their axes have different directions, as those of a planar scan and of the world: reconstruct both by the general path"
                         .into(),
                 ));
             }
             let shift = (0..3).map(|k| (b.origin[k] - a.origin[k]) * along[k]).sum::<f64>() / spacing;
             if (shift - shift.round()).abs() > SAME_LATTICE || shift.abs() > 1e9 {
                 return Err(Apart::Lattices(format!(
-                    "their lattices are {:.3} of a voxel apart along axis {axis}; reconstruct with --origin of the other",
+                    "their lattices are {:.3} of a voxel apart along axis {axis}; reconstruct with the origin of the other",
                     shift - shift.round()
                 )));
             }

@@ -14,7 +14,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use config::bedside::Bedside;
-use pipeline::live::{DeviceRole, RecordEvent, SessionDevice, SessionStatus, record_only};
+use pipeline::session::{DeviceRole, RecordEvent, SessionDevice, SessionStatus, record_only};
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sync::ingest::live::Live;
 

@@ -12,7 +12,7 @@ use calibration::picture::GreyView;
 use calibration::probe::track::{Poses, Track};
 use config::bedside::Bedside;
 use mask::{Mask, MaskPlan, MaskSettings};
-use pipeline::live::{Latencies, RecordedDecisions, walk};
+use pipeline::session::{Latencies, RecordedDecisions, walk};
 use sonoweave_core::reading::Reading;
 
 use super::super::{Failure, input};

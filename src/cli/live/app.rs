@@ -11,7 +11,7 @@ use drivers::simulated::Pty;
 use pipeline::Observer;
 use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, SessionController};
-use pipeline::live::{
+use pipeline::session::{
     EndedSession, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice, SessionInputs,
     SessionStatus, Source, ViewClient,
 };
@@ -83,7 +83,7 @@ impl LiveApp<'_> {
             self.controller.runs(records, input);
             let controller = Arc::clone(&self.controller);
             let ended =
-                pipeline::live::run(&stages, inputs, &Monotonic, controller.turns(), |status| self.watch(status))?;
+                pipeline::session::run(&stages, inputs, &Monotonic, controller.turns(), |status| self.watch(status))?;
             drop(twins);
             made = match self.next(&ended)? {
                 Some(next) => next,
@@ -198,7 +198,7 @@ impl LiveApp<'_> {
             };
             self.reload.begins_anew();
             let bedside = self.reload.bedside().clone();
-            let folder = if next.records { Some(controller.folder().map_err(Failure)?.to_owned()) } else { None };
+            let folder = if next.records { Some(controller.folder()?.to_owned()) } else { None };
             match self.open(&bedside, folder.as_deref(), Vec::new(), None) {
                 Ok(made) => return Ok(Some(made)),
                 Err(Failure(why)) => {

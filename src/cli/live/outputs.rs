@@ -9,7 +9,7 @@ use serde::Serialize;
 use config::bedside::Bedside;
 use export::volume::{DenseBox, Encoding, write_values, write_weights};
 use pipeline::Outcome;
-use pipeline::live::{Differences, Finished, REPLAYED, ResultDigest, SessionStatus};
+use pipeline::session::{Differences, Finished, REPLAYED, ResultDigest, SessionStatus};
 use statistics::{LiveStatistics, write_json};
 use volume::Voxels;
 

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use config::bedside::Bedside;
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
-use pipeline::live::{Recorded, RecordedDecisions};
+use pipeline::session::{Recorded, RecordedDecisions};
 
 use super::stages::{Kept, roles};
 use crate::cli::Failure;

@@ -12,7 +12,7 @@ use config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
 use config::bedside::{Bedside, Effective, Tracking};
 use config::texts::ByPath;
 use formats::session::{SessionWriter, WriterOptions};
-use pipeline::live::{DeviceRole, Record, RecordedDecisions, Session, ViewClient, Watch};
+use pipeline::session::{DeviceRole, Record, RecordedDecisions, Session, ViewClient, Watch};
 use sync::history::Rigid;
 use sync::ingest::live::Gives;
 

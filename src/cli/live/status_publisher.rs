@@ -10,7 +10,7 @@ use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use measure::{Slices, Uncertainty};
 use pipeline::control::SessionController;
-use pipeline::live::{SchedulingPolicy, SessionStatus};
+use pipeline::session::{SchedulingPolicy, SessionStatus};
 use reconstruct::kernel::AxisKernel;
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::date::Date;

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use terminal::Term;
 
 use config::bedside::Picture;
-use pipeline::live::{Drawn, First, ViewClient};
+use pipeline::session::{Drawn, First, ViewClient};
 use render::RenderSettings;
 
 /// Time between two pictures in the terminal.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use config::bedside::Picture;
 use console::FrameBroadcaster;
 use console::style::ConfiguredStyle;
-use pipeline::live::{Drawn, First, ViewClient};
+use pipeline::session::{Drawn, First, ViewClient};
 use render::camera::View;
 use render::{Mode, RenderSettings, Renderer};
 

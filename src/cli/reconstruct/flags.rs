@@ -9,7 +9,7 @@ use config::Settings as Config;
 use drivers::replay::SequenceSettings;
 use export::volume::{DenseBox, Encoding, Scalar};
 use mask::{Clip, parse_fan};
-use pipeline::live::Session;
+use pipeline::session::Session;
 use pipeline::{Outcome, PixelKind};
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::{OnDeparture, PlanarSettings};

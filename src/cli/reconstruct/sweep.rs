@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use config::Settings as Config;
 use drivers::replay::SequenceSettings;
-use pipeline::live::{Finished, Sequence, Session, SessionInputs, Source, run};
+use pipeline::session::{Finished, Sequence, Session, SessionInputs, Source, run};
 use pipeline::{OffPlane, Outcome, PipelineError};
 use sonoweave_core::clock::Monotonic;
 

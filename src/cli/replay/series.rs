@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use config::bedside::Picture;
-use pipeline::live::{Drawn, First, ViewClient};
+use pipeline::session::{Drawn, First, ViewClient};
 use render::RenderSettings;
 
 use crate::cli::Failure;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use config::bedside::Bedside;
 use drivers::replay::Pace;
 use pipeline::command::Command;
-use pipeline::live::{Differences, RecordedDecisions, SchedulingPolicy, SessionInputs, Source, ViewClient};
+use pipeline::session::{Differences, RecordedDecisions, SchedulingPolicy, SessionInputs, Source, ViewClient};
 use sonoweave_core::clock::Monotonic;
 
 use super::series::{Gallery, Series};
@@ -94,7 +94,7 @@ pub(super) fn run(request: &ReplayRequest<'_>) -> Result<(), Failure> {
     }
     let policy = SchedulingPolicy::default();
     let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &AtomicBool::new(false), |status| {
+    let ended = pipeline::session::run(&stages, inputs, &Monotonic, &AtomicBool::new(false), |status| {
         if let Some(igtl) = &mut igtl {
             igtl.send_status(|| line(status));
         }

@@ -11,7 +11,7 @@ use config::bedside::Bedside;
 use console::Listen;
 use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, Replayed, SessionController, ViewedFrame};
-use pipeline::live::{
+use pipeline::session::{
     Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session, SessionInputs,
     SessionStatus, Source, ViewClient,
 };
@@ -178,7 +178,7 @@ impl Showing<'_> {
         let controller = Arc::clone(&self.controller);
         let policy = SchedulingPolicy::default();
         let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
-        Ok(pipeline::live::run(stages, inputs, &Monotonic, controller.turns(), |status| {
+        Ok(pipeline::session::run(stages, inputs, &Monotonic, controller.turns(), |status| {
             if self.printed.elapsed() >= PROGRESS_EVERY {
                 self.printed = Instant::now();
                 say(&line(status));

@@ -20,7 +20,7 @@ use crate::{About, Console, ConsoleSession, FrameBroadcaster, Latest};
 use guidance::spacing::Spacing;
 use guidance::{GuidanceSettings, ScanGuidance};
 use mask::{Clip, MaskSettings};
-use pipeline::live::{Drawn, SessionStatus, Spread, Unwritten, Written};
+use pipeline::session::{Drawn, SessionStatus, Spread, Unwritten, Written};
 use pipeline::{CapturedFrame, Observer as _};
 use render::classify::transfer::Transfer;
 use render::{RenderRegion, RenderSettings, Renderer};

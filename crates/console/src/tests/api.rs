@@ -24,7 +24,7 @@ fn programs_send_same_commands_as_pages() {
     assert!(sentence["done"].as_str().unwrap().starts_with("frozen"));
     let (status, sentence) = say(&served, "{\"do\":\"record\"}");
     assert_eq!(status, StatusCode::CONFLICT);
-    assert!(sentence["refused"].as_str().unwrap().contains("--keep DIR"));
+    assert!(sentence["refused"].as_str().unwrap().contains("no folder to save in"));
     for message in ["{\"do\":\"explode\"}", "nonsense", "{\"do\":\"control\"}"] {
         let (status, sentence) = say(&served, message);
         assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{message}: {sentence}");

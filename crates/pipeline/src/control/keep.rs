@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use export::volume::{Scalar, write_taken};
 use volume::dense::{RANGE_FIELD, UNSEEN_FIELD};
 
-use crate::live::Snapshot;
+use super::refusal::SaveError;
+use crate::session::Snapshot;
 
 /// Largest number in a folder's file names.
 const MOST: u32 = 100_000;
@@ -14,9 +15,9 @@ const MOST: u32 = 100_000;
 /// beside it as `volume-001-weights.mha`. `input` describes the source of the volume.
 ///
 /// # Errors
-/// A sentence; no file is left then.
-pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> Result<PathBuf, String> {
-    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+/// [`SaveError`]; no file is left then.
+pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> Result<PathBuf, SaveError> {
+    std::fs::create_dir_all(folder).map_err(|source| SaveError::Folder { folder: folder.to_owned(), source })?;
     let Snapshot { space, scalar, bytes, weights, slices, grey_levels } = snapshot;
     let fields = [
         ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
@@ -28,22 +29,20 @@ pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> R
         (RANGE_FIELD.to_owned(), grey_levels.map(|level| level.to_string()).join(" ")),
     ];
     let [path, beside] = free(folder)?;
-    let text = |error: export::ExportError| error.to_string();
     if let Some(weights) = weights {
-        write_taken(space, Scalar::F32, weights, &beside, &fields).map_err(text)?;
+        write_taken(space, Scalar::F32, weights, &beside, &fields)?;
     }
-    write_taken(space, *scalar, bytes, &path, &fields).map_err(|error| {
+    write_taken(space, *scalar, bytes, &path, &fields).inspect_err(|_| {
         // Weights without a volume are useless.
         let _ = std::fs::remove_file(&beside);
-        text(error)
     })?;
     Ok(path)
 }
 
 /// Returns the next pair of free names.
-fn free(folder: &Path) -> Result<[PathBuf; 2], String> {
+fn free(folder: &Path) -> Result<[PathBuf; 2], SaveError> {
     (1..=MOST)
         .map(|number| ["", "-weights"].map(|what| folder.join(format!("volume-{number:03}{what}.mha"))))
         .find(|names| names.iter().all(|name| !name.exists()))
-        .ok_or_else(|| format!("{}: has {MOST} volumes; choose another folder", folder.display()))
+        .ok_or_else(|| SaveError::Full { folder: folder.to_owned(), most: MOST })
 }

@@ -12,7 +12,7 @@
 //! A recorded session holds all of its volume in its recording, so that it can be replayed.
 //! Recording therefore begins a new volume, and ends with the session. An ended session stays
 //! visible until the next one begins. Freeze and clear commands pass through the same queue as
-//! readings ([`crate::live`]) and are in the recording, too.
+//! readings ([`crate::session`]) and are in the recording, too.
 //!
 //! A recorded session ([`Replayed`]) runs and ends in the same way. It records and omits
 //! nothing, but it can be replayed with other settings. After its end, its frames can be viewed
@@ -22,6 +22,7 @@
 //! result of longer operations.
 
 pub mod keep;
+mod refusal;
 mod replayed;
 #[cfg(test)]
 mod tests;
@@ -36,13 +37,11 @@ use serde::Serialize;
 use config::bedside::SettingsOverride;
 
 use crate::command::Command;
-use crate::live::{Reader, Snapshot, VolumeRequest};
+use crate::session::{NoVolume, Reader, Snapshot, VolumeRequest};
 
+pub use refusal::{ControlError, SaveError};
 pub use replayed::{ReplayStatus, Replayed, ViewedFrame};
 
-/// Refusal of commands that need a recorded session.
-const NO_RECORDING: &str =
-    "this session is live; only a recorded session can be run again or shown frame by frame (sonoweave replay)";
 /// Number of events reported.
 const EVENTS: usize = 8;
 /// Largest volume that can be saved while it grows, bytes: it is in memory twice then.
@@ -175,20 +174,17 @@ impl SessionController {
     /// Returns the folder to record and save in.
     ///
     /// # Errors
-    /// A sentence if there is none.
-    pub fn folder(&self) -> Result<&Path, String> {
-        let none = || "there is no folder to save in; start sonoweave with --keep DIR".to_owned();
-        self.folder.as_deref().ok_or_else(none)
+    /// [`ControlError::NoFolder`] if there is none.
+    pub fn folder(&self) -> Result<&Path, ControlError> {
+        self.folder.as_deref().ok_or(ControlError::NoFolder)
     }
 
     /// Executes a command, or begins to; returns a sentence about it.
     ///
     /// # Errors
-    /// A sentence; nothing has changed.
-    pub fn execute(&self, command: Command) -> Result<String, String> {
+    /// [`ControlError`]; nothing has changed.
+    pub fn execute(&self, command: Command) -> Result<String, ControlError> {
         let mut state = self.state();
-        let busy = || Err("the session is just beginning or ending; wait a moment".to_owned());
-        let over = || Err("the session is over; record or scan to begin a new one".to_owned());
         let (phase, records) = (state.phase, state.records);
         if self.replayed.is_some()
             && matches!(
@@ -196,19 +192,15 @@ impl SessionController {
                 Command::Record | Command::Scan | Command::Freeze(_) | Command::Clear | Command::Set(_)
             )
         {
-            return Err("this session is a recording and cannot be changed; run it again with other settings".into());
+            return Err(ControlError::Recorded);
         }
         match (command, phase) {
             (
                 Command::Record | Command::Scan | Command::Stop | Command::Freeze(_) | Command::Clear | Command::Set(_),
                 Phase::Opening | Phase::Ending,
-            ) => busy(),
-            (Command::Record, Phase::Running) if records => {
-                Err("the session is already being recorded; stop it before you begin another".into())
-            }
-            (Command::Scan, Phase::Running) => {
-                Err("the session is already running; clear it to begin a new volume".into())
-            }
+            ) => Err(ControlError::Busy),
+            (Command::Record, Phase::Running) if records => Err(ControlError::AlreadyRecording),
+            (Command::Scan, Phase::Running) => Err(ControlError::AlreadyRunning),
             (Command::Record | Command::Scan, Phase::Running | Phase::Over) => {
                 let records = command == Command::Record;
                 if records {
@@ -218,7 +210,9 @@ impl SessionController {
                 self.turn.store(true, Ordering::Relaxed);
                 Ok(if records { "a new volume begins, with a recording" } else { "a new volume begins" }.into())
             }
-            (Command::Stop | Command::Freeze(_) | Command::Clear | Command::Set(_), Phase::Over) => over(),
+            (Command::Stop | Command::Freeze(_) | Command::Clear | Command::Set(_), Phase::Over) => {
+                Err(ControlError::Over)
+            }
             (Command::Stop, Phase::Running) => {
                 (state.next, state.stopped) = (None, true);
                 self.turn.store(true, Ordering::Relaxed);
@@ -248,10 +242,10 @@ impl SessionController {
             (Command::Save, _) => {
                 self.folder()?;
                 if state.saving.is_some() {
-                    return Err("a volume is being saved; wait until it is finished".into());
+                    return Err(ControlError::Saving);
                 }
                 if matches!(phase, Phase::Opening | Phase::Ending) {
-                    return busy();
+                    return Err(ControlError::Busy);
                 }
                 state.saving = Some(0.0);
                 self.volume_requested.store(true, Ordering::Relaxed);
@@ -264,12 +258,12 @@ impl SessionController {
     /// `trial`. Returns a sentence.
     ///
     /// # Errors
-    /// A sentence; nothing has changed.
-    pub fn again(&self, trial: SettingsOverride) -> Result<String, String> {
-        let Some(replayed) = &self.replayed else { return Err(NO_RECORDING.into()) };
+    /// [`ControlError`]; nothing has changed.
+    pub fn again(&self, trial: SettingsOverride) -> Result<String, ControlError> {
+        let Some(replayed) = &self.replayed else { return Err(ControlError::Live) };
         let mut state = self.state();
         if matches!(state.phase, Phase::Opening | Phase::Ending) {
-            return Err("the recording is being opened, or its replay is ending; wait a moment".into());
+            return Err(ControlError::ReplayBusy);
         }
         let text = if trial.is_empty() {
             "the replay begins with the recorded settings"
@@ -286,11 +280,11 @@ impl SessionController {
     /// Shows a frame of a recorded session, by its position among all, from 1.
     ///
     /// # Errors
-    /// A sentence; nothing has changed.
-    pub fn show_frame(&self, number: u64) -> Result<(), String> {
-        let Some(replayed) = &self.replayed else { return Err(NO_RECORDING.into()) };
+    /// [`ControlError`]; nothing has changed.
+    pub fn show_frame(&self, number: u64) -> Result<(), ControlError> {
+        let Some(replayed) = &self.replayed else { return Err(ControlError::Live) };
         if self.state().phase != Phase::Over {
-            return Err("the replay is running; single frames can be shown after its end, or after a stop".into());
+            return Err(ControlError::ReplayRunning);
         }
         replayed.request(number)
     }
@@ -390,12 +384,13 @@ impl Reader for SessionController {
         self.state().saving = Some(share);
     }
 
-    fn volume(&self, volume: Result<Snapshot, String>) {
+    fn volume(&self, volume: Result<Snapshot, NoVolume>) {
         let (input, world) = {
             let state = self.state();
             (state.input.clone(), state.world.clone())
         };
-        let kept = self.folder().and_then(|folder| keep::volume(folder, &input, &world, &volume?));
+        let save = || -> Result<PathBuf, SaveError> { keep::volume(self.folder()?, &input, &world, &volume?) };
+        let kept = save();
         self.state().saving = None;
         match kept {
             Ok(path) => self.report(Progress::Done, format!("the volume is saved: {}", path.display())),

@@ -7,6 +7,8 @@ use serde::Serialize;
 
 use config::bedside::{Bedside, Setting, SettingsOverride};
 
+use super::refusal::ControlError;
+
 /// A recorded session.
 #[derive(Debug)]
 pub struct Replayed {
@@ -77,11 +79,11 @@ impl Replayed {
     /// Prepares a replay with other settings; an empty `trial` means the recorded ones.
     ///
     /// # Errors
-    /// A sentence, from [`Bedside::tried`]; nothing has changed.
-    pub(super) fn prepare(&self, trial: SettingsOverride) -> Result<(), String> {
+    /// That of [`Bedside::tried`]; nothing has changed.
+    pub(super) fn prepare(&self, trial: SettingsOverride) -> Result<(), ControlError> {
         let bedside = match trial.is_empty() {
             true => self.bedside.clone(),
-            false => self.bedside.tried(&trial, &self.folder).map_err(|error| error.to_string())?,
+            false => self.bedside.tried(&trial, &self.folder)?,
         };
         self.state().next = Some((trial, bedside));
         Ok(())
@@ -99,10 +101,10 @@ impl Replayed {
     /// Requests a frame.
     ///
     /// # Errors
-    /// A sentence if there is no such frame.
-    pub(super) fn request(&self, number: u64) -> Result<(), String> {
+    /// [`ControlError::NoFrame`] if there is no such frame.
+    pub(super) fn request(&self, number: u64) -> Result<(), ControlError> {
         if !(1..=self.frames).contains(&number) {
-            return Err(format!("there is no frame {number}; the recording has 1 to {}", self.frames));
+            return Err(ControlError::NoFrame { number, frames: self.frames });
         }
         self.state().requested = Some(number);
         Ok(())

@@ -9,7 +9,7 @@ use sonoweave_core::region::ClipRect;
 pub enum Departure {
     /// The data is not a rectangle: columns would be covered in part.
     #[error(
-        "the picture's data is no rectangle ({data} pixels of the {rectangle} around them), as the planar path needs: choose a rectangular --clip, --path general, or --departure upgrade"
+        "the picture's data is no rectangle ({data} pixels of the {rectangle} around them), as the planar path needs: choose a rectangular clip, the general path, or the upgrade on departure"
     )]
     Mask {
         /// Pixels that are data.
@@ -19,7 +19,7 @@ pub enum Departure {
     },
     /// The slice lies out of the plane.
     #[error(
-        "the slice leaves the scan's plane: the picture's corners lie up to {voxels:.3} voxel off, {tolerance_voxels} is allowed; choose --path general or --departure upgrade, or allow more with --planar-tolerance"
+        "the slice leaves the scan's plane: the picture's corners lie up to {voxels:.3} voxel off, {tolerance_voxels} is allowed; choose the general path or the upgrade on departure, or a larger planar tolerance"
     )]
     Pose {
         /// Largest distance of a corner from its position in the plane, voxels.

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use calibration::arm::{Arm, JOINTS};
 use config::bedside::{Bedside, Tracking};
-use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
+use pipeline::session::{DeviceRole, Latencies, RecordedDecisions, walk};
 use sonoweave_core::clock::SECOND;
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::history::Rigid;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
-use pipeline::live::RecordedDecisions;
+use pipeline::session::RecordedDecisions;
 use sonoweave_core::frames::{Reference, Stylus, Transform};
 use sonoweave_core::refusal::{Reason, Refusal};
 

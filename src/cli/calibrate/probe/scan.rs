@@ -3,7 +3,7 @@
 use calibration::probe::Observation;
 use calibration::probe::track::Track;
 use config::bedside::Bedside;
-use pipeline::live::DeviceRole;
+use pipeline::session::DeviceRole;
 use sync::ingest::live::Live;
 
 use super::super::guide::Advice;

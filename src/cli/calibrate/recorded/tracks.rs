@@ -5,7 +5,7 @@ use std::path::Path;
 use calibration::probe::track::{Poses, Track};
 use config::bedside::Bedside;
 use config::bedside::devices::TRACKER_FRAME;
-use pipeline::live::{DeviceRole, Latencies, walk};
+use pipeline::session::{DeviceRole, Latencies, walk};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::refusal::Refusal;
 use sync::history::{PoseHistory, PoseSample};

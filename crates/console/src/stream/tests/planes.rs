@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use pipeline::live::{Extent, PlaneImage, PlaneRequest, PlaneViewer as _, PlaneWork};
+use pipeline::session::{Extent, PlaneImage, PlaneRequest, PlaneViewer as _, PlaneWork};
 use render::RenderSettings;
 use render::classify::transfer::Transfer;
 use render::section::{Box3, Sampled};
@@ -35,7 +35,7 @@ fn viewing(session: &Session) -> Client {
 
 impl FrameBroadcaster {
     fn is_watched_in_planes(&self) -> bool {
-        pipeline::live::PlaneViewer::is_watched(self)
+        pipeline::session::PlaneViewer::is_watched(self)
     }
 }
 

@@ -25,7 +25,7 @@ use super::recorder::{self, Recorder, Recording};
 use super::replay::{self, FromRecording, Recorded};
 use super::sequence::{self, Sequence};
 use super::sequencer::{EventSequencer, FromDevices};
-use super::session::{Session, SessionInputs, Source};
+use super::settings::{Session, SessionInputs, Source};
 use super::shared_volume::Shared;
 use super::status::{SessionStatus, StatusCollector};
 use super::threads::{joined, spawn};

@@ -13,7 +13,7 @@ use super::picture::{self, Drawn, SharedViewClient};
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RecordedDecisions;
 use super::recorder::Recording;
-use super::session::{Finished, Session};
+use super::settings::{Finished, Session};
 use super::shared_volume::Shared;
 use super::status::SessionStatus;
 use super::threads::spawn;

@@ -21,7 +21,7 @@ pub trait Reader: Send + Sync {
     fn request(&self) -> VolumeRequest;
 
     /// Receives the present volume, or the reason why there is none.
-    fn volume(&self, volume: Result<Snapshot, String>);
+    fn volume(&self, volume: Result<Snapshot, NoVolume>);
 
     /// Returns whether the weights are requested too.
     fn with_weights(&self) -> bool {
@@ -44,6 +44,22 @@ pub enum VolumeRequest {
     IfChanged,
     /// A volume, changed or not.
     Now,
+}
+
+/// Reason why there is no volume.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoVolume {
+    /// No slice has reached a voxel.
+    #[error("no voxel was seen yet")]
+    Unseen,
+    /// It exceeds the reader's limit.
+    #[error("the volume has {}×{}×{} voxels, more than {max_bytes} bytes; choose a coarser volume.spacing_mm", size[0], size[1], size[2])]
+    TooLarge {
+        /// Its size, voxels.
+        size: [u64; 3],
+        /// The limit.
+        max_bytes: u64,
+    },
 }
 
 /// A volume at a certain time. Slices that arrived while it was read may be in parts of it.
@@ -94,8 +110,8 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
 
 /// Returns the volume, or the reason why there is none; `None` if the lattice was replaced
 /// meanwhile.
-fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, String>> {
-    let nothing = || Some(Err("no voxel was seen yet".to_owned()));
+fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, NoVolume>> {
+    let nothing = || Some(Err(NoVolume::Unseen));
     let max_bytes = reader.max_bytes();
     let (space, encoding, lattice, slices, grey_levels) = {
         let shared = shared.lock();
@@ -112,9 +128,7 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, Str
     let of_voxel = encoding.scalar.bytes() + of_weights;
     let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(of_voxel));
     let Some(bytes) = bytes.filter(|bytes| *bytes <= max_bytes) else {
-        return Some(Err(format!(
-            "the volume has {nx}×{ny}×{nz} voxels, more than {max_bytes} bytes; choose a coarser volume.spacing_mm"
-        )));
+        return Some(Err(NoVolume::TooLarge { size: [nx, ny, nz], max_bytes }));
     };
     // The cast is safe: `bytes` is within the checked limit.
     let voxels = (bytes / of_voxel) as usize;

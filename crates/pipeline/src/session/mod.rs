@@ -1,4 +1,5 @@
-//! Live pipeline: devices to a volume and its picture, one thread per stage.
+//! Session: devices, a recorded session or a recorded sequence to a volume and its picture, one
+//! thread per stage.
 //!
 //! ```text
 //! capture (one per device) ─▶ sequencer ─▶ pairing ─▶ insertion ══ volume ══ picture
@@ -17,7 +18,7 @@
 //! these, and the decisions. So a replay repeats every decision, compares it, and reproduces the
 //! volume bit by bit, at any speed and with any number of threads.
 //!
-//! - `session`, `device`: a session's inputs and its results; the roles of its devices.
+//! - `settings`, `device`: a session's inputs and its results; the roles of its devices.
 //! - `run`, `threads`: the wiring, the only place where threads of a session are started.
 //! - `event`, `sequencer`, `capture`: session events, their order, and a device's thread.
 //! - `replay`, `sequence`: a recorded session as a source of the same events; a recorded sequence
@@ -63,7 +64,7 @@ mod replay;
 mod run;
 mod sequence;
 mod sequencer;
-mod session;
+mod settings;
 mod shared_volume;
 mod status;
 mod stuck;
@@ -79,14 +80,14 @@ pub use ended::EndedSession;
 pub use picture::{Drawn, First, ViewClient};
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 pub use priority::{SchedulingGrant, SchedulingPolicy};
-pub use reader::{Reader, Snapshot, VolumeRequest};
+pub use reader::{NoVolume, Reader, Snapshot, VolumeRequest};
 pub use record_only::{RecordEvent, record_only};
 pub use recorded_decisions::{Differences, RecordedDecisions};
 pub use recorder::{Record, Recording, Unwritten};
 pub use replay::Recorded;
 pub use run::run;
 pub use sequence::Sequence;
-pub use session::{Finished, Session, SessionInputs, Source};
+pub use settings::{Finished, Session, SessionInputs, Source};
 pub use shared_volume::VolumeExtent;
 pub use status::{ClockStatus, DeviceStatus, REPLAYED, SessionStatus, Written};
 pub use timing::{Quantiles, Spread};
