@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = out.join("bedside.toml");
     std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;
-    let conduct = SessionArguments {
+    let session_arguments = SessionArguments {
         record: Some(out.clone()),
         duration: arguments.duration,
         headless: arguments.headless,
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         stats: Some(out.join("statistics.json")),
         ..Outputs::default()
     };
-    let recorded = session(&bedside, &conduct, &outputs)?;
+    let recorded = session(&bedside, &session_arguments, &outputs)?;
     if let Some(recorded) = recorded {
         say(&format!("to run the same session again: sonoweave replay {} --picture again.png", recorded.display()));
     }

@@ -62,7 +62,7 @@ pub struct Arguments {
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
     #[command(flatten, next_help_heading = "Session")]
-    conduct: session::SessionArguments,
+    session_arguments: session::SessionArguments,
     #[command(flatten, next_help_heading = "What it leaves")]
     outputs: outputs::Outputs,
 }
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     if !arguments.check {
         drop(out);
-        return session::session(&bedside, &arguments.conduct, &arguments.outputs).map(drop);
+        return session::session(&bedside, &arguments.session_arguments, &arguments.outputs).map(drop);
     }
     let report = check::check(&bedside)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };

@@ -21,9 +21,9 @@ pub(in crate::cli) struct Made<'a> {
 impl Made<'_> {
     pub(in crate::cli) fn fields(&self) -> Vec<(String, String)> {
         let Self { outcome, space, encoding, .. } = self;
-        let weaver = &outcome.reconstructor;
+        let reconstructor = &outcome.reconstructor;
         let three = |values: [f64; 3]| values.map(|v| format!("{v}")).join(" ");
-        let kernels = weaver.kernels();
+        let kernels = reconstructor.kernels();
         let per_axis = |f: fn(&AxisKernel) -> f64| kernels.map(|k| three(k.each_ref().map(f)));
         let line = |key: &str, value: &str| (format!("Sonoweave{key}"), one_line(value));
         let mut fields = vec![
@@ -32,9 +32,9 @@ impl Made<'_> {
             line("Input", &self.input),
             line("Calibration", &self.calibration),
             line("Route", &outcome.route),
-            line("Method", weaver.settings().method.name()),
-            line("Compounding", &weaver.settings().compounding.to_string()),
-            line("Path", weaver.path().name()),
+            line("Method", reconstructor.settings().method.name()),
+            line("Compounding", &reconstructor.settings().compounding.to_string()),
+            line("Path", reconstructor.path().name()),
         ];
         if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
             fields.push(line("SigmaMm", &sigma));

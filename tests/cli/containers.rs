@@ -257,9 +257,11 @@ fn converted_session_has_the_poses_of_its_replay() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     succeeds(
         &place,
-        &format!("reconstruct s.igs.mha -o woven.mha --image-to-probe {IMAGE_TO_PROBE} --clip none --spacing 1"),
+        &format!(
+            "reconstruct s.igs.mha -o reconstructed.mha --image-to-probe {IMAGE_TO_PROBE} --clip none --spacing 1"
+        ),
     );
-    let (replayed, reconstructed) = (place.volume("replayed.mha"), place.volume("woven.mha"));
+    let (replayed, reconstructed) = (place.volume("replayed.mha"), place.volume("reconstructed.mha"));
     let place_of = |volume: &Volume| (volume.header.size, volume.header.origin, volume.header.spacing);
     assert_eq!(place_of(&replayed), place_of(&reconstructed));
     assert!(replayed.values.iter().any(|value| *value > 0.0) && replayed.values == reconstructed.values);

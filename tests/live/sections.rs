@@ -100,7 +100,7 @@ impl PlaneViewer for Viewer {
 fn viewed_by(viewer: &Arc<Viewer>) -> Set {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
-    Set { cutter: Some(Arc::clone(viewer) as Arc<dyn PlaneViewer>), ..set }
+    Set { plane_viewer: Some(Arc::clone(viewer) as Arc<dyn PlaneViewer>), ..set }
 }
 
 /// Checks that the last image of each plane equals a sampling of the finished volume.

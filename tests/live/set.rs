@@ -42,7 +42,7 @@ pub(crate) struct Set {
     pub(crate) grabber: Box<dyn Device>,
     pub(crate) wait_ns: i64,
     pub(crate) looks: Option<Arc<dyn ViewClient>>,
-    pub(crate) cutter: Option<Arc<dyn PlaneViewer>>,
+    pub(crate) plane_viewer: Option<Arc<dyn PlaneViewer>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
     pub(crate) watch: Option<Watch>,
 }
@@ -98,7 +98,7 @@ impl Set {
             grabber: Box::new(grabber),
             wait_ns: 5 * SECOND,
             looks: None,
-            cutter: None,
+            plane_viewer: None,
             record: None,
             watch: None,
         }
@@ -136,8 +136,8 @@ impl Set {
         self,
         mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
     ) -> (Finished, Seen) {
-        let (watch, cutter) = (self.watch.clone(), self.cutter.clone());
-        let session = Session { watch, plane_viewer: cutter, ..stages(self.wait_ns, self.looks.clone()) };
+        let (watch, plane_viewer) = (self.watch.clone(), self.plane_viewer.clone());
+        let session = Session { watch, plane_viewer: plane_viewer, ..stages(self.wait_ns, self.looks.clone()) };
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
@@ -186,13 +186,13 @@ impl Set {
     /// Records its devices until they have ended. Returns every received sample with its
     /// device's index, and the status.
     pub(crate) fn record_only(self) -> (Vec<(usize, Live)>, SessionStatus) {
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
         let (devices, record) = self.devices();
         let gathered =
             record_only(devices, record, &SchedulingPolicy::default(), mask, &Monotonic, &told, |what| match what {
-                RecordEvent::Sample(device, live) => heard.push((device, live)),
+                RecordEvent::Sample(device, live) => received.push((device, live)),
                 RecordEvent::Turn(status) => {
                     adds_up(status);
                     assert!(began.elapsed() < PATIENCE, "{status:?}");
@@ -200,7 +200,7 @@ impl Set {
             });
         let (_, status) = gathered.unwrap();
         adds_up(&status);
-        (heard, status)
+        (received, status)
     }
 }
 

@@ -12,7 +12,7 @@ const COUNT: u64 = 60;
 
 /// A tracker of one station whose readings arrive at other times; `at` maps each measurement's
 /// time.
-fn heard(begin_ns: i64, counts: bool, at: impl Fn(i64) -> i64) -> Script {
+fn received(begin_ns: i64, counts: bool, at: impl Fn(i64) -> i64) -> Script {
     let acts: Vec<(i64, Act)> = measured(COUNT)
         .map(|(item, after, mm)| {
             let at_ns = at(begin_ns + after);
@@ -25,7 +25,7 @@ fn heard(begin_ns: i64, counts: bool, at: impl Fn(i64) -> i64) -> Script {
 #[test]
 fn frames_wait_for_a_late_tracker() {
     let begin_ns = begin();
-    let tracker = heard(begin_ns, false, |at_ns| at_ns + 200 * MS);
+    let tracker = received(begin_ns, false, |at_ns| at_ns + 200 * MS);
     let mut set = Set::of(tracker, all_frames(begin_ns, COUNT));
     set.tracking_latency_ns = 200 * MS;
     let (finished, _) = set.run();
@@ -42,7 +42,7 @@ fn packets_and_stalls_lose_and_move_no_frame() {
     // An adapter that collects for 16 ms, and one that stalls for 200 ms repeatedly.
     for (counts, packet) in [(false, 16 * MS), (true, 16 * MS), (true, 200 * MS)] {
         let begin_ns = begin();
-        let tracker = heard(begin_ns, counts, |at_ns| (at_ns.div_euclid(packet) + 1) * packet);
+        let tracker = received(begin_ns, counts, |at_ns| (at_ns.div_euclid(packet) + 1) * packet);
         let (finished, _) = Set::of(tracker, all_frames(begin_ns, COUNT)).run();
         assert_eq!(frames(&finished), (COUNT, COUNT, vec![]), "{counts} {packet}");
         let readings = &finished.status.ledger.readings[0];

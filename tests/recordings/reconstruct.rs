@@ -109,20 +109,20 @@ pub(crate) fn bytes(volume: &Path) -> Result<Vec<u8>, Failed> {
 }
 
 fn spine(folder: &Path) -> Result<(), Failed> {
-    let woven = Reconstructed::new(folder, SPINE, SPINE_XML, &[])?;
-    woven.check(21, 500_000..600_000);
+    let reconstructed = Reconstructed::new(folder, SPINE, SPINE_XML, &[])?;
+    reconstructed.check(21, 500_000..600_000);
     // The scanner's image: columns 187 to 631, rows 12 to 601 of 820×616.
-    assert_eq!(woven.statistics["data_rectangle"], json!([187, 12, 445, 590]));
-    assert_eq!(woven.statistics["data_pixels"], 445 * 590);
-    assert_eq!(woven.statistics["grid"]["spacing"], json!([0.5, 0.5, 0.5]));
-    let brightest = woven.seen().max().ok_or("nothing seen")?;
+    assert_eq!(reconstructed.statistics["data_rectangle"], json!([187, 12, 445, 590]));
+    assert_eq!(reconstructed.statistics["data_pixels"], 445 * 590);
+    assert_eq!(reconstructed.statistics["grid"]["spacing"], json!([0.5, 0.5, 0.5]));
+    let brightest = reconstructed.seen().max().ok_or("nothing seen")?;
     assert!((200..=255).contains(&brightest), "{brightest}");
     let with_frame = Reconstructed::new(folder, SPINE, SPINE_XML, &["--clip", "none"])?;
-    let (without, with) = (woven.seen().count(), with_frame.seen().count());
+    let (without, with) = (reconstructed.seen().count(), with_frame.seen().count());
     assert!(with * 10 > without * 15, "the frame's border would fill {with} voxels instead of {without}");
     // Black is a value in the vertebrae's shadow, but the border would have been black
     // throughout.
-    assert!(woven.share_up_to(0) < 0.04, "{}", woven.share_up_to(0));
+    assert!(reconstructed.share_up_to(0) < 0.04, "{}", reconstructed.share_up_to(0));
     assert!(with_frame.share_up_to(0) > 0.3, "{}", with_frame.share_up_to(0));
     Ok(())
 }
@@ -130,8 +130,8 @@ fn spine(folder: &Path) -> Result<(), Failed> {
 fn spine_against_nearest(folder: &Path) -> Result<(), Failed> {
     // On the lattice that PLUS chose for this recording.
     let flags = ["--origin", "-74.5217,165.573,29.072", "--size", "147,106,105"];
-    let woven = Reconstructed::new(folder, SPINE, SPINE_XML, &flags)?;
-    let c = woven.against(&folder.join(NEAREST))?;
+    let reconstructed = Reconstructed::new(folder, SPINE, SPINE_XML, &flags)?;
+    let c = reconstructed.against(&folder.join(NEAREST))?;
     assert!(c["voxels"].as_u64() > Some(300_000), "{c}");
     assert!(c["correlation"].as_f64() > Some(0.95), "{c}");
     // PLUS's volume is darker: it rounds down at every insertion, and its border is overwritten.
@@ -142,9 +142,9 @@ fn spine_against_nearest(folder: &Path) -> Result<(), Failed> {
 
 fn spine_against_linear(folder: &Path) -> Result<(), Failed> {
     let flags = ["--origin", "-57.0272,168.545,30.5384", "--size", "80,93,98"];
-    let woven = Reconstructed::new(folder, SPINE, FAN_XML, &flags)?;
-    woven.check(21, 100_000..400_000);
-    let c = woven.against(&folder.join(LINEAR))?;
+    let reconstructed = Reconstructed::new(folder, SPINE, FAN_XML, &flags)?;
+    reconstructed.check(21, 100_000..400_000);
+    let c = reconstructed.against(&folder.join(LINEAR))?;
     assert!(c["voxels"].as_u64() > Some(80_000) && c["correlation"].as_f64() > Some(0.95), "{c}");
     Ok(())
 }
@@ -159,32 +159,32 @@ fn spine_bits(folder: &Path) -> Result<(), Failed> {
 }
 
 fn nwire_freehand(folder: &Path) -> Result<(), Failed> {
-    let woven = Reconstructed::new(folder, NWIRE, SPINE_XML, &[])?;
-    woven.check(97, 400_000..1_200_000);
-    nwire(&woven);
+    let reconstructed = Reconstructed::new(folder, NWIRE, SPINE_XML, &[])?;
+    reconstructed.check(97, 400_000..1_200_000);
+    nwire(&reconstructed);
     Ok(())
 }
 
 fn nwire_calibration(folder: &Path) -> Result<(), Failed> {
-    let woven = Reconstructed::new(folder, CALIBRATION, RESULTS_XML, &[])?;
-    woven.check(188, 200_000..1_100_000);
-    nwire(&woven);
+    let reconstructed = Reconstructed::new(folder, CALIBRATION, RESULTS_XML, &[])?;
+    reconstructed.check(188, 200_000..1_100_000);
+    nwire(&reconstructed);
     Ok(())
 }
 
 fn nwire_validation(folder: &Path) -> Result<(), Failed> {
-    let woven = Reconstructed::new(folder, VALIDATION, RESULTS_XML, &[])?;
-    woven.check(94, 200_000..1_100_000);
-    nwire(&woven);
+    let reconstructed = Reconstructed::new(folder, VALIDATION, RESULTS_XML, &[])?;
+    reconstructed.check(94, 200_000..1_100_000);
+    nwire(&reconstructed);
     Ok(())
 }
 
 /// Checks for bright wires in black water, with no part of the frame taken for its border.
-fn nwire(woven: &Reconstructed) {
-    assert_eq!(woven.statistics["data_pixels"], 820 * 616);
-    let brightest = woven.seen().max().unwrap_or(0);
+fn nwire(reconstructed: &Reconstructed) {
+    assert_eq!(reconstructed.statistics["data_pixels"], 820 * 616);
+    let brightest = reconstructed.seen().max().unwrap_or(0);
     assert!((100..=255).contains(&brightest), "{brightest}");
-    let bright = 1.0 - woven.share_up_to(40);
+    let bright = 1.0 - reconstructed.share_up_to(40);
     assert!((1e-4..0.02).contains(&bright), "{bright}");
 }
 

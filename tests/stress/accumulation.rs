@@ -8,7 +8,7 @@ use sonoweave_core::slice::{Image, Slice};
 use volume::Voxels;
 
 use crate::figures::{Length, Sheet, Test};
-use crate::insertion::{Probe, constant, half_mm, off_constant, seen, weave};
+use crate::insertion::{Probe, constant, half_mm, off_constant, reconstruct_all, seen};
 
 /// A value with a full mantissa.
 const CONSTANT: f32 = 77.3;
@@ -95,7 +95,7 @@ fn clamped_constant(sheet: &mut Sheet) {
 fn parked_constant(sheet: &mut Sheet) {
     let slice = probe().put(&constant(probe().size, CONSTANT), 0.0);
     let r = constants(sheet, half_mm(), |i| nudged(&slice, i));
-    let once = weave(half_mm(), &probe().mask(), [&slice]);
+    let once = reconstruct_all(half_mm(), &probe().mask(), [&slice]);
     let peak = r.kernels().unwrap()[2].peak();
     let (mut heavy, mut any) = (0.0_f64, 0.0_f64);
     for voxel in seen(&r) {
@@ -141,7 +141,7 @@ fn saturation(sheet: &mut Sheet) {
         let peak = r.kernels().unwrap()[2].peak();
         // A slice's weight as a fraction of the peak: not all of the in-plane kernel lies on
         // 3×3 pixels.
-        let once = weave(half_mm(), &probe.mask(), [&probe.put(&constant([3, 3], 1.0), 0.0)]);
+        let once = reconstruct_all(half_mm(), &probe.mask(), [&probe.put(&constant([3, 3], 1.0), 0.0)]);
         let share = f64::from(once.volume().voxel([0; 3]).1) / peak;
         let what = format!("W_max = {most:e}");
         sheet.above(&format!("{what}: weights clamped"), r.work().weights_clamped as f64, 0.0);

@@ -119,7 +119,7 @@ fn fan(sheet: &mut Sheet) {
             4.0,
         );
         let last = probe.put(&constant(size, grey), 2.7);
-        let c = compare(&crate::insertion::weave(half_mm(), &fan, [&last]), &last, &fan, 1e-5);
+        let c = compare(&crate::insertion::reconstruct_all(half_mm(), &fan, [&last]), &last, &fan, 1e-5);
         sheet.equal(&format!("grey {name}: one slice's voxels, missing and surplus"), (c.missing, c.surplus), (0, 0));
     }
 }

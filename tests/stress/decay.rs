@@ -10,7 +10,7 @@ use sonoweave_core::slice::Slice;
 use volume::Voxels;
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{PATHS, Probe, constant, half_mm, held, on_the_world_s_axes, weaver};
+use crate::insertion::{PATHS, Probe, constant, half_mm, held, on_the_world_s_axes, reconstructor};
 
 const SECOND: f64 = 1e9;
 
@@ -64,13 +64,13 @@ fn touch(grey: f32, seconds: f64, along: f64, turn: u32) -> Slice {
     Slice { time_ns: (seconds * SECOND).round() as i64, ..slice }
 }
 
-fn middle(weaver: &PathReconstructor) -> (f64, f64) {
-    let (r, w) = weaver.volume().voxel([0; 3]);
+fn middle(reconstructor: &PathReconstructor) -> (f64, f64) {
+    let (r, w) = reconstructor.volume().voxel([0; 3]);
     (f64::from(r), f64::from(w))
 }
 
-fn value(weaver: &PathReconstructor, y: i64) -> f64 {
-    let (r, w) = weaver.volume().voxel([0, y, 0]);
+fn value(reconstructor: &PathReconstructor, y: i64) -> f64 {
+    let (r, w) = reconstructor.volume().voxel([0, y, 0]);
     f64::from(r) / f64::from(w)
 }
 
@@ -102,7 +102,7 @@ fn steps_of_time(sheet: &mut Sheet) {
         // At slow rates a day still counts: d is then 0.92, and would be 0 after 10⁹ s.
         for decay in [MODES[0], MODES[1], SLOW[0], SLOW[1]] {
             let what = format!("{}, a = {}/s", name(path, decay), decay.rate_per_s());
-            let mut r = weaver(path, decaying(decay), probe().mask());
+            let mut r = reconstructor(path, decaying(decay), probe().mask());
             r.insert(&touch(100.0, 100.0, 0.0, 20)).unwrap();
             let (mut off_factor, mut least, mut most) = (0.0_f64, f64::MAX, 0.0_f64);
             let once = middle(&r).1;
@@ -130,7 +130,7 @@ fn absurd_times(sheet: &mut Sheet) {
     times.extend((0..20).map(|k| (k * 7919 % 13) * second / 10));
     for path in PATHS {
         for decay in MODES {
-            let mut r = weaver(path, decaying(decay), probe().mask());
+            let mut r = reconstructor(path, decaying(decay), probe().mask());
             let (mut off, mut most) = (0.0_f32, 0.0_f64);
             for (time, turn) in times.iter().zip(0..) {
                 r.insert(&Slice { time_ns: *time, ..touch(100.0, 0.0, 0.0, turn) }).unwrap();
@@ -152,7 +152,7 @@ fn composed(sheet: &mut Sheet) {
     let (rate_per_s, span_s) = (0.9, 10.0);
     for path in PATHS {
         for touches in [1_u32, 2, 10, 300, 1000] {
-            let mut r = weaver(path, decaying(Decay::Exponential { rate_per_s }), probe().mask());
+            let mut r = reconstructor(path, decaying(Decay::Exponential { rate_per_s }), probe().mask());
             r.insert(&touch(200.0, 0.0, 0.0, 0)).unwrap();
             let before = middle(&r).0;
             for k in 1..=touches {
@@ -176,7 +176,7 @@ fn parked(sheet: &mut Sheet) {
     let (rate_per_s, step_s) = (0.3, 1.0 / 30.0);
     for path in PATHS {
         let settings = Settings { max_weight: 256.0, ..decaying(Decay::Exponential { rate_per_s }) };
-        let mut r = weaver(path, settings, probe().mask());
+        let mut r = reconstructor(path, settings, probe().mask());
         // 4000 slices are e⁴⁰: the base moves meanwhile.
         for k in 0..4200_u32 {
             r.insert(&touch(10.0, step_s * f64::from(k), 0.0, k)).unwrap();
@@ -271,7 +271,7 @@ fn subnormals(sheet: &mut Sheet) {
 /// and the kernel's effective σ, mm.
 fn shift(path: Path, method: Method, decay: Decay, speed_mm_s: f64) -> (f64, f64) {
     let settings = Settings { method, max_weight: 256.0, ..decaying(decay) };
-    let mut r = weaver(path, settings, probe().mask());
+    let mut r = reconstructor(path, settings, probe().mask());
     for i in -100..=100 {
         let along = 0.1 * f64::from(i);
         r.insert(&touch((128.0 + 2.0 * along) as f32, along / speed_mm_s, along, 0)).unwrap();
@@ -330,7 +330,7 @@ fn literal_shift(sheet: &mut Sheet) {
 /// mm reach down to plane 2.
 fn rebased(sheet: &mut Sheet) {
     for path in PATHS {
-        let mut r = weaver(path, decaying(Decay::Exponential { rate_per_s: 1.0 }), probe().mask());
+        let mut r = reconstructor(path, decaying(Decay::Exponential { rate_per_s: 1.0 }), probe().mask());
         r.insert(&touch(171.3, 0.0, 0.0, 0)).unwrap();
         // Every second; then up to the base's limit of 40, beyond it, and after pauses that
         // leave nothing.
@@ -359,7 +359,7 @@ fn out_and_back(sheet: &mut Sheet) {
             Decay::DeadTime { rate_per_s: 3.0, wait_s: 2.0 },
             Decay::Exponential { rate_per_s: 1.0 },
         ] {
-            let mut r = weaver(path, decaying(decay), probe().mask());
+            let mut r = reconstructor(path, decaying(decay), probe().mask());
             let steps = (2.0 * reach_mm / 0.2) as i32;
             for i in 0..=steps {
                 let along = 0.2 * f64::from(i) - reach_mm;
@@ -387,7 +387,7 @@ fn faint_touches(sheet: &mut Sheet) {
     for path in PATHS {
         let old = |r: &PathReconstructor| 1.0 - value(r, 0) / 100.0;
         let fading_out = Settings { method: Method::Gaussian, ..decaying(decay) };
-        let mut r = weaver(path, fading_out, probe().mask());
+        let mut r = reconstructor(path, fading_out, probe().mask());
         r.insert(&touch(0.0, 0.0, 0.0, 0)).unwrap();
         let before = middle(&r);
         for k in 1..20 {
@@ -401,7 +401,7 @@ fn faint_touches(sheet: &mut Sheet) {
         sheet.at_most(&format!("{what}: old content after them, 10 s on"), old(&r), decay.factor(10.0));
 
         // Slices 3.5 mm beside it touch the brick beyond the range of its ages, twice.
-        let mut r = weaver(path, decaying(decay), probe().mask());
+        let mut r = reconstructor(path, decaying(decay), probe().mask());
         r.insert(&touch(0.0, 0.0, 0.0, 0)).unwrap();
         for k in 1..100 {
             r.insert(&touch(0.0, f64::from(k), 3.5, k)).unwrap();
@@ -412,7 +412,7 @@ fn faint_touches(sheet: &mut Sheet) {
         let factor = decay.factor(5.0);
         let (mut least, mut most) = (f64::MAX, 0.0_f64);
         for touched in (90..110).step_by(4) {
-            let mut r = weaver(path, decaying(decay), probe().mask());
+            let mut r = reconstructor(path, decaying(decay), probe().mask());
             for k in 0..touched + 5 {
                 let along = if k == touched { 0.0 } else { 3.5 };
                 r.insert(&touch(0.0, f64::from(k), along, k)).unwrap();

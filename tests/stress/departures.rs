@@ -11,8 +11,8 @@ use sonoweave_core::region::Fan;
 use sonoweave_core::slice::{Image, Slice};
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{Probe, constant, content, half_mm, held, noise, on_the_world_s_axes, weaver};
-use crate::planar::{SIZE, full, moved, refusing, settings, sweep, woven};
+use crate::insertion::{Probe, constant, content, half_mm, held, noise, on_the_world_s_axes, reconstructor};
+use crate::planar::{SIZE, full, moved, reconstructed, refusing, settings, sweep};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -79,7 +79,7 @@ fn refused(sheet: &mut Sheet) {
     ];
     let departure: Expected = |e| matches!(e, Refused::Departure(Departure::Pose { .. }));
     cases.extend(out_of_plane(good).into_iter().map(|(name, slice)| (name, slice, departure)));
-    let mut r = woven(settings(), full(), &slices[..1]);
+    let mut r = reconstructed(settings(), full(), &slices[..1]);
     let (before, work) = (content(r.volume()), r.work());
     for (name, slice, expected) in cases {
         let result = r.insert(&slice);
@@ -226,7 +226,7 @@ fn limit(sheet: &mut Sheet) {
 fn far_apart(sheet: &mut Sheet) {
     let arm = Probe::arm([9, 9], 0.5);
     let picture = noise(arm.size, 4);
-    let mut r = weaver(Path::Planar, half_mm(), arm.mask());
+    let mut r = reconstructor(Path::Planar, half_mm(), arm.mask());
     let near = r.insert(&arm.put(&picture, 0.0)).unwrap();
     let reach = 1e9;
     for [x, y] in [[reach, reach], [reach, -reach], [-reach, reach], [-reach, -reach]] {

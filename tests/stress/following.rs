@@ -56,7 +56,7 @@ fn slice(number: u32) -> Slice {
     Slice { time_ns: i64::from(number) * 40_000_000, ..posed(&image(SIZE, scene), pose) }
 }
 
-fn weaver(direction: DMat3) -> PathReconstructor {
+fn reconstructor(direction: DMat3) -> PathReconstructor {
     let settings = Settings { lattice_direction: direction, ..Settings::new(DVec3::splat(VOXEL_MM)) };
     PathReconstructor::general(settings, mask::Mask::full(SIZE[0], SIZE[1])).unwrap()
 }
@@ -130,23 +130,23 @@ fn common(work: &RenderWork) -> [u64; 5] {
 
 fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSettings)]) {
     let region = region(direction);
-    let mut weaver = weaver(direction);
+    let mut reconstructor = reconstructor(direction);
     let mut all: Vec<Vec<Renderer>> =
         looks.iter().enumerate().map(|(i, (_, settings))| following(i, settings, region)).collect();
     let mut differ = vec![[0_usize; 4]; looks.len()];
     let (mut absurd, mut disagree) = (0, 0);
     let mut shaded = vec![[0_u64; 2]; looks.len()];
     for number in 0..SLICES {
-        let touched = weaver.insert(&slice(number)).unwrap();
+        let touched = reconstructor.insert(&slice(number)).unwrap();
         for (look, (_, settings)) in looks.iter().enumerate() {
             // The picture for comparison comes from a renderer without kept data.
             let alone = RenderSettings { cache: Cache::ALL[number as usize % 4], ..settings.clone() };
             let mut whole = Renderer::new(&alone, region).unwrap();
-            let from_scratch = whole.update_all(weaver.volume()).work;
+            let from_scratch = whole.update_all(reconstructor.volume()).work;
             let expected = whole.picture();
             let mut first = None;
             for (cache, renderer) in all[look].iter_mut().enumerate() {
-                let work = renderer.update(weaver.volume(), &touched.bricks).work;
+                let work = renderer.update(reconstructor.volume(), &touched.bricks).work;
                 differ[look][cache] += other_bits(&renderer.picture(), &expected);
                 let sane = work.bricks_read == touched.bricks.len() as u64
                     && work.bricks_changed <= work.bricks_read
@@ -169,7 +169,7 @@ fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSet
         let picture = all[look][0].picture();
         let seen = picture.pixels.iter().filter(|p| p[3] < 0.99).count();
         sheet.above(&format!("{name}: pixels in which something is seen"), seen as f64, 150.0);
-        let exact = reference::render(weaver.volume(), settings, &region).unwrap();
+        let exact = reference::render(reconstructor.volume(), settings, &region).unwrap();
         let [most, _] = exact.difference(&picture);
         sheet.at_most(&format!("{name}: off the reference"), most, f64::from(settings.stop) + 3e-4);
     }
@@ -187,27 +187,27 @@ fn idle(sheet: &mut Sheet) {
             let what = |said: &str| format!("{name}, {}: {said}", cache.name());
             let settings = RenderSettings { cache, ..settings.clone() };
             let region = region(DMat3::IDENTITY);
-            let mut weaver = weaver(DMat3::IDENTITY);
+            let mut reconstructor = reconstructor(DMat3::IDENTITY);
             let mut renderer = Renderer::new(&settings, region).unwrap();
             let mut plain = Renderer::new(&settings, region).unwrap();
             let mut again = RenderWork::default();
             for number in 0..5 {
-                let touched = weaver.insert(&slice(number)).unwrap().bricks;
-                renderer.update(weaver.volume(), &touched);
-                plain.update(weaver.volume(), &touched);
-                again += renderer.update(weaver.volume(), &touched).work;
+                let touched = reconstructor.insert(&slice(number)).unwrap().bricks;
+                renderer.update(reconstructor.volume(), &touched);
+                plain.update(reconstructor.volume(), &touched);
+                again += renderer.update(reconstructor.volume(), &touched).work;
             }
             let followed = renderer.picture();
             sheet.equal(&what("the same slices again"), again, read(again.bricks_read as usize));
             sheet.above(&what("bricks read for it"), again.bricks_read as f64, 100.0);
-            let all: Vec<BrickIndex> = Values::bricks(weaver.volume()).collect();
-            let work = renderer.update_all(weaver.volume()).work;
+            let all: Vec<BrickIndex> = Values::bricks(reconstructor.volume()).collect();
+            let work = renderer.update_all(reconstructor.volume()).work;
             sheet.equal(&what("the same volume whole"), work, read(all.len()));
             let backwards: Vec<BrickIndex> = all.iter().rev().chain(&all).copied().collect();
-            let work = renderer.update(weaver.volume(), &backwards).work;
+            let work = renderer.update(reconstructor.volume(), &backwards).work;
             sheet.equal(&what("backwards and twice"), work, read(backwards.len()));
             // The same values from another volume, which requests all bricks of the box.
-            let volume = weaver.volume();
+            let volume = reconstructor.volume();
             let value = |at: [i64; 3]| {
                 let (mut value, mut weight) = ([0.0], [0.0]);
                 volume.values(at, &mut value, &mut weight);
@@ -221,8 +221,8 @@ fn idle(sheet: &mut Sheet) {
             sheet.equal(&what("another volume twice"), work, read(Values::bricks(&copy).count()));
             sheet.equal(&what("pixels changed by all that"), other_bits(&renderer.picture(), &followed), 0);
             // A later slice costs as much as if nothing had happened.
-            let touched = weaver.insert(&slice(5)).unwrap().bricks;
-            let [a, b] = [&mut renderer, &mut plain].map(|r| r.update(weaver.volume(), &touched).work);
+            let touched = reconstructor.insert(&slice(5)).unwrap().bricks;
+            let [a, b] = [&mut renderer, &mut plain].map(|r| r.update(reconstructor.volume(), &touched).work);
             sheet.equal(&what("the next slice's work"), a, b);
             sheet.above(&what("rays of it"), a.rays as f64, 0.0);
         }
@@ -231,14 +231,14 @@ fn idle(sheet: &mut Sheet) {
 
 fn unseen(sheet: &mut Sheet) {
     let (_, settings) = &looks()[0];
-    let mut weaver = weaver(DMat3::IDENTITY);
-    let touched = weaver.insert(&slice(0)).unwrap().bricks;
+    let mut reconstructor = reconstructor(DMat3::IDENTITY);
+    let touched = reconstructor.insert(&slice(0)).unwrap().bricks;
     let aside =
         RenderRegion::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [60; 3], [90; 3]).unwrap();
     for cache in Cache::ALL {
         let settings = RenderSettings { cache, ..settings.clone() };
         let mut renderer = Renderer::new(&settings, aside).unwrap();
-        let work = renderer.update(weaver.volume(), &touched).work;
+        let work = renderer.update(reconstructor.volume(), &touched).work;
         sheet.equal(&format!("{}: beside the region", cache.name()), work, read(touched.len()));
         // In bricks that the box meets, but outside the box.
         let near =
@@ -256,21 +256,21 @@ fn unseen(sheet: &mut Sheet) {
 
 fn parked(sheet: &mut Sheet) {
     let (_, settings) = &looks()[0];
-    let mut weaver = weaver(DMat3::IDENTITY);
+    let mut reconstructor = reconstructor(DMat3::IDENTITY);
     let mut renderer = Renderer::new(settings, region(DMat3::IDENTITY)).unwrap();
     let (mut refused, mut touched) = (0, Vec::new());
     for number in [0, 1, 2, 2, 2, 2, 2, 2] {
-        match weaver.insert(&slice(number)) {
+        match reconstructor.insert(&slice(number)) {
             Ok(by) => {
                 touched = by.bricks;
-                renderer.update(weaver.volume(), &touched);
+                renderer.update(reconstructor.volume(), &touched);
             }
             Err(Refused::Repeated) => refused += 1,
             Err(other) => sheet.holds(&format!("slice {number}: {other}"), false),
         }
     }
     sheet.equal("slices refused as no news", refused, 5);
-    sheet.equal("were their bricks given", renderer.update(weaver.volume(), &touched).work, read(touched.len()));
+    sheet.equal("were their bricks given", renderer.update(reconstructor.volume(), &touched).work, read(touched.len()));
     // In a replay: 6 frames, and 6 followed by 14 copies of the last.
     let place = Place::new();
     let run = |name: &str, sequence: &Sequence| -> Value {

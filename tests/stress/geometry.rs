@@ -11,7 +11,7 @@ use reconstruct::{Reconstructor, Settings, Simd};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{METHODS, Probe, compare, grid_around, half_mm, noise, seen, turned, weave, weighted};
+use crate::insertion::{METHODS, Probe, compare, grid_around, half_mm, noise, reconstruct_all, seen, turned, weighted};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -58,13 +58,13 @@ fn ends_on_planes(sheet: &mut Sheet) {
         let slice = probe.put(&noise(size, 5), 0.0);
         let settings = |simd| Settings { simd, ..four_voxels() };
         let set = |r: &Reconstructor| weighted(r).map(|voxel| voxel.index).collect::<BTreeSet<_>>();
-        let portable = weave(settings(Simd::Portable), &probe.mask(), [&slice]);
+        let portable = reconstruct_all(settings(Simd::Portable), &probe.mask(), [&slice]);
         let reached = set(&portable);
         let along = |voxel: &[i64; 3]| DVec3::from_array(voxel.map(|i| i as f64)).dot(axes.z_axis) as i64;
         let planes: BTreeSet<i64> = reached.iter().map(along).collect();
         sheet.equal(&format!("normal {name}: voxel planes reached"), planes, (-4..=4).collect());
         for simd in [Simd::Avx2, Simd::Avx512].into_iter().filter(|s| s.is_available()) {
-            let same = set(&weave(settings(simd), &probe.mask(), [&slice])) == reached;
+            let same = set(&reconstruct_all(settings(simd), &probe.mask(), [&slice])) == reached;
             sheet.holds(&format!("normal {name}: voxels of {}", simd.name()), same);
         }
         let (grid, low) = grid_around(&portable);
@@ -98,8 +98,11 @@ fn every_end(sheet: &mut Sheet) {
         let sigma = if support.is_some() { 1.0 } else { sigma };
         let set = |simd| {
             let sigma_mm = [Some(0.4), Some(0.4), Some(sigma)];
-            let r =
-                weave(Settings { method, simd, sigma_mm, support: [support; 2], ..half_mm() }, &probe.mask(), [&slice]);
+            let r = reconstruct_all(
+                Settings { method, simd, sigma_mm, support: [support; 2], ..half_mm() },
+                &probe.mask(),
+                [&slice],
+            );
             weighted(&r).map(|voxel| (voxel.index, voxel.weight.to_bits())).collect::<BTreeSet<_>>()
         };
         let reached = set(Simd::Portable);
@@ -164,7 +167,7 @@ fn continuous(sheet: &mut Sheet) {
     let run = |axes: DMat3| {
         let probe = Probe { axes, ..Probe::straight(size, 0.25) };
         let slices: Vec<Slice> = (0..6).map(|i| probe.put(&noise(size, i), 0.3 * f64::from(i))).collect();
-        weave(half_mm(), &probe.mask(), &slices)
+        reconstruct_all(half_mm(), &probe.mask(), &slices)
     };
     let axis = run(DMat3::IDENTITY);
     let off = run(turned(1e-12, -1e-12, 1e-12));
@@ -200,10 +203,10 @@ fn far_away(sheet: &mut Sheet) {
         let pose = DAffine3 { translation: pose.translation + DVec3::splat(by), ..pose };
         crate::insertion::posed(&slice.image, pose)
     };
-    let origin = weave(half_mm(), &near.mask(), &slices);
+    let origin = reconstruct_all(half_mm(), &near.mask(), &slices);
     for distance in [1e3, 1e6] {
         let far: Vec<Slice> = slices.iter().map(|slice| moved(slice, distance)).collect();
-        let there = weave(half_mm(), &near.mask(), &far);
+        let there = reconstruct_all(half_mm(), &near.mask(), &far);
         let shift = (distance / 0.5) as i64;
         let (worst, count) = difference(&origin, &there, [shift; 3]);
         sheet.above(&format!("{distance} mm: voxels compared"), count as f64, 5_000.0);

@@ -118,7 +118,11 @@ pub(crate) fn positions(reach: f64, gap: f64) -> impl Iterator<Item = f64> {
     (-n..=n).map(move |i| f64::from(i) * gap)
 }
 
-pub(crate) fn weave<'a>(settings: Settings, mask: &Mask, slices: impl IntoIterator<Item = &'a Slice>) -> Reconstructor {
+pub(crate) fn reconstruct_all<'a>(
+    settings: Settings,
+    mask: &Mask,
+    slices: impl IntoIterator<Item = &'a Slice>,
+) -> Reconstructor {
     let mut reconstructor = Reconstructor::new(settings, mask.clone()).unwrap();
     for slice in slices {
         reconstructor.insert(slice).unwrap();
@@ -128,7 +132,7 @@ pub(crate) fn weave<'a>(settings: Settings, mask: &Mask, slices: impl IntoIterat
 
 /// Returns a reconstructor on one of the paths. The planar one uses the world's axes and
 /// refuses slices that leave the plane.
-pub(crate) fn weaver(path: Path, settings: Settings, mask: Mask) -> PathReconstructor {
+pub(crate) fn reconstructor(path: Path, settings: Settings, mask: Mask) -> PathReconstructor {
     match path {
         Path::General => PathReconstructor::general(settings, mask),
         Path::Planar => PathReconstructor::planar(settings, on_the_world_s_axes(OnDeparture::Refuse), mask),

@@ -13,7 +13,7 @@ use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{METHODS, Probe, Voxel, WIDE, half_mm, positions, seen, turned, weave};
+use crate::insertion::{METHODS, Probe, Voxel, WIDE, half_mm, positions, reconstruct_all, seen, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -72,7 +72,7 @@ fn blobs(sheet: &mut Sheet) {
             let (probe, slices, radius) =
                 if average { (fine, &fine_slices, 4.5) } else { (coarse, &coarse_slices, 6.0) };
             let settings = Settings { method, sigma_mm: [Some(0.5), Some(0.7), Some(0.9)], ..half_mm() };
-            let r = weave(settings, &probe.mask(), slices);
+            let r = reconstruct_all(settings, &probe.mask(), slices);
             let variances = DVec3::from_array(r.kernels().unwrap().map(|k| k.sigma_effective_mm().powi(2)));
             let blur = axes * DMat3::from_diagonal(variances) * axes.transpose();
             let inside = within(&r, radius);
@@ -117,7 +117,7 @@ impl Round {
         let sigma_mm = [Some(self.sigma); 3];
         let settings = Settings { method: self.method, sigma_mm, support, ..Settings::new(DVec3::splat(self.spacing)) };
         let scene = Scene::Sphere(ball);
-        (weave(settings, &probe.mask(), &scan(&probe, self.gap, |p| scene.value(p))), ball, total)
+        (reconstruct_all(settings, &probe.mask(), &scan(&probe, self.gap, |p| scene.value(p))), ball, total)
     }
 }
 
@@ -310,7 +310,7 @@ fn waves(sheet: &mut Sheet) {
                 let wave = axes * per_axis;
                 let settings = Settings { method, sigma_mm: [Some(0.6), Some(0.8), Some(1.0)], ..half_mm() };
                 let slices = scan(&probe, gap, |p| 128.0 + 100.0 * (TAU * wave.dot(p) + 0.3).sin());
-                let r = weave(settings, &probe.mask(), &slices);
+                let r = reconstruct_all(settings, &probe.mask(), &slices);
                 let kernels = r.kernels().unwrap();
                 let measured = amplitude(&within(&r, 6.0), wave) / 100.0;
                 let frequencies = per_axis.to_array();

@@ -8,7 +8,7 @@ use sonoweave_core::slice::Slice;
 use volume::Voxels;
 
 use crate::figures::{Length, Sheet, Test};
-use crate::insertion::{Probe, half_mm, noise, state, turned, weave, weighted};
+use crate::insertion::{Probe, half_mm, noise, reconstruct_all, state, turned, weighted};
 
 pub(crate) fn tests(length: Length) -> Vec<Test> {
     let slices = length.of(24, 200);
@@ -34,8 +34,8 @@ fn permutations(sheet: &mut Sheet) {
     let (slices, mask) = noisy(count);
     // No weight comes near the clamp, which is a moving average and not a sum.
     let settings = Settings { max_weight: 1e6, ..half_mm() };
-    let first = weave(settings.clone(), &mask, &slices);
-    let again = weave(settings.clone(), &mask, &slices);
+    let first = reconstruct_all(settings.clone(), &mask, &slices);
+    let again = reconstruct_all(settings.clone(), &mask, &slices);
     sheet.equal("bits of the same order", state(again.volume()), state(first.volume()));
     let n = slices.len();
     let orders: [Vec<usize>; 3] = [
@@ -46,7 +46,7 @@ fn permutations(sheet: &mut Sheet) {
     let (mut worst_r, mut worst_w, mut compared) = (0.0_f64, 0.0_f64, 0);
     for order in &orders {
         assert_eq!(order.iter().collect::<std::collections::BTreeSet<_>>().len(), n, "a permutation");
-        let other = weave(settings.clone(), &mask, order.iter().map(|i| &slices[*i]));
+        let other = reconstruct_all(settings.clone(), &mask, order.iter().map(|i| &slices[*i]));
         for voxel in weighted(&first) {
             let [(r0, w0), (r1, w1)] = [&first, &other].map(|r| r.volume().voxel(voxel.index));
             // The measure for r is the sum of magnitudes; the images hold nothing below 0.

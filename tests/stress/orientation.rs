@@ -10,7 +10,7 @@ use reconstruct::kernel::Method;
 use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{METHODS, Probe, half_mm, posed, positions, seen, turned, weave};
+use crate::insertion::{METHODS, Probe, half_mm, posed, positions, reconstruct_all, seen, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![Test::new(
@@ -24,7 +24,7 @@ pub(crate) fn tests() -> Vec<Test> {
 /// and the largest.
 fn off_ramp(settings: Settings, probe: &Probe, scene: &Scene, spoil: impl Fn(Slice) -> Slice) -> (f64, f64) {
     let slices: Vec<Slice> = positions(9.0, 0.3).map(|along| spoil(probe.scan(along, |p| scene.value(p)))).collect();
-    let r = weave(settings, &probe.mask(), &slices);
+    let r = reconstruct_all(settings, &probe.mask(), &slices);
     let inside: Vec<_> = seen(&r).into_iter().filter(|voxel| voxel.at.length() < 6.0).collect();
     assert!(inside.len() > 5_000, "{} voxels", inside.len());
     let errors = || inside.iter().map(|voxel| voxel.value - scene.value(voxel.at));

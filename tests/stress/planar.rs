@@ -14,7 +14,7 @@ use volume::brick_volume::SEEN;
 use volume::{Grid, Voxels};
 
 use crate::figures::{Length, Sheet, Test};
-use crate::insertion::{Probe, WIDE, constant, content, half_mm, held, noise, posed, weaver};
+use crate::insertion::{Probe, WIDE, constant, content, half_mm, held, noise, posed, reconstructor};
 
 pub(crate) const SIZE: [u32; 2] = [44, 36];
 
@@ -81,7 +81,7 @@ pub(crate) fn full() -> Mask {
     Mask::full(SIZE[0], SIZE[1])
 }
 
-pub(crate) fn woven<'a>(
+pub(crate) fn reconstructed<'a>(
     settings: Settings,
     mask: Mask,
     slices: impl IntoIterator<Item = &'a Slice>,
@@ -110,7 +110,7 @@ fn off_constant(volume: &dyn Voxels, c: f32) -> (f64, usize) {
 fn clamped_constant(sheet: &mut Sheet) {
     let probe = Probe::arm([6, 6], 0.5);
     let picture = constant(probe.size, 77.3);
-    let mut r = weaver(Path::Planar, half_mm(), probe.mask());
+    let mut r = reconstructor(Path::Planar, half_mm(), probe.mask());
     for i in 0..sheet.length.of(20_000_u32, 1_000_000) {
         // Trembling of the hand: no two weights of a column are alike.
         let x = f64::from(i.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24) - 0.5;
@@ -125,7 +125,7 @@ fn clamped_constant(sheet: &mut Sheet) {
 fn step(sheet: &mut Sheet) {
     let probe = Probe::arm([9, 9], 0.5);
     let put = |grey, i: u32| probe.put(&constant(probe.size, grey), 1e-5 * f64::from(i % 16));
-    let mut r = weaver(Path::Planar, half_mm(), probe.mask());
+    let mut r = reconstructor(Path::Planar, half_mm(), probe.mask());
     for i in 0..4_000 {
         r.insert(&put(10.0, i)).unwrap();
     }
@@ -146,18 +146,18 @@ fn permutations(sheet: &mut Sheet) {
     let count = sheet.length.of(24, 200);
     let slices = sweep(DQuat::from_rotation_y(0.4), count);
     let settings = Settings { max_weight: 1e6, ..settings() };
-    let first = woven(settings.clone(), full(), &slices);
+    let first = reconstructed(settings.clone(), full(), &slices);
     // The lattice is the first slice's, so the other orders start with it as well.
     let orders: [Vec<usize>; 2] = [
         std::iter::once(0).chain((1..slices.len()).rev()).collect(),
         (0..slices.len()).map(|i| i * 7 % slices.len()).collect(),
     ];
-    let again = woven(settings.clone(), full(), &slices);
+    let again = reconstructed(settings.clone(), full(), &slices);
     sheet.equal("bits of the same order", content(again.volume()), content(first.volume()));
     let (mut worst_r, mut worst_w, mut compared) = (0.0_f64, 0.0_f64, 0);
     for order in &orders {
         assert_eq!(order.iter().collect::<std::collections::BTreeSet<_>>().len(), slices.len(), "a permutation");
-        let other = woven(settings.clone(), full(), order.iter().map(|i| &slices[*i]));
+        let other = reconstructed(settings.clone(), full(), order.iter().map(|i| &slices[*i]));
         for (index, r, w) in held(first.volume()) {
             let (s, v) = other.volume().voxel(index);
             let relative = |a: f32, b: f32| f64::from((a - b).abs()) / f64::from(a.abs()).max(1e-3);
@@ -217,7 +217,7 @@ fn ends_on_planes(sheet: &mut Sheet) {
         let probe = Probe { axes: DMat3::from_cols(z, v, z.cross(v)), ..Probe::straight([41, 33], 0.25) };
         let slice = probe.put(&noise(probe.size, 5), 0.0);
         let columns = |simd| {
-            let mut r = weaver(Path::Planar, settings(simd), probe.mask());
+            let mut r = reconstructor(Path::Planar, settings(simd), probe.mask());
             r.insert(&slice).unwrap();
             held(r.volume()).into_iter().map(|(index, _, _)| index).collect::<std::collections::BTreeSet<_>>()
         };
@@ -238,7 +238,7 @@ fn far_away(sheet: &mut Sheet) {
     let arm = Probe { axes: DMat3::from_rotation_z(0.4) * Probe::arm(SIZE, 0.4).axes, ..Probe::arm(SIZE, 0.4) };
     let slices: Vec<Slice> = (0..8).map(|i| arm.scan(0.4 * f64::from(i), smooth)).collect();
     let run = |distance: f64| {
-        let mut r = weaver(Path::Planar, settings(), full());
+        let mut r = reconstructor(Path::Planar, settings(), full());
         for slice in &slices {
             r.insert(&moved(slice, DAffine3::from_translation(DVec3::splat(distance)))).unwrap();
         }
@@ -271,7 +271,7 @@ fn border(sheet: &mut Sheet) {
         };
         let slices: Vec<Slice> =
             (0..).zip(sweep(DQuat::IDENTITY, 10)).map(|(i, slice)| Slice { image: picture(i), ..slice }).collect();
-        let (worst, seen) = off_constant(woven(settings(), mask.clone(), &slices).volume(), grey);
+        let (worst, seen) = off_constant(reconstructed(settings(), mask.clone(), &slices).volume(), grey);
         sheet.above(&format!("grey {grey}: voxels seen"), seen as f64, 5_000.0);
         sheet.at_most(&format!("grey {grey}: largest |r/w − c| / c in 2⁻²³"), worst / f64::from(f32::EPSILON), 4.0);
     }
@@ -297,7 +297,7 @@ fn brute_force(sheet: &mut Sheet) {
         ] {
             let slices = sweep(base, 9);
             let uneven = Settings { method, spacing_mm: DVec3::new(0.5, 0.6, 0.45), ..settings() };
-            let r = woven(uneven, mask.clone(), &slices);
+            let r = reconstructed(uneven, mask.clone(), &slices);
             let (grid, low) = grid_around(&r);
             let mut slow = Reference::new(grid);
             for slice in &slices {
@@ -350,7 +350,7 @@ fn compared(a: &dyn Voxels, b: &dyn Voxels, deviation: f64) -> (u32, f64, f64) {
 fn both_paths(sheet: &mut Sheet) {
     for method in WIDE {
         let slices = sweep(DQuat::from_rotation_y(0.9), 12);
-        let planar = woven(Settings { method, ..settings() }, full(), &slices);
+        let planar = reconstructed(Settings { method, ..settings() }, full(), &slices);
         let mut general = Reconstructor::new(planar.settings().clone(), full()).unwrap();
         for slice in &slices {
             general.insert(slice).unwrap();

@@ -13,7 +13,7 @@ use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{METHODS, Probe, constant, half_mm, positions, seen, weave};
+use crate::insertion::{METHODS, Probe, constant, half_mm, positions, reconstruct_all, seen};
 use crate::kernels::passed;
 
 pub(crate) fn tests() -> Vec<Test> {
@@ -54,7 +54,7 @@ fn ripple(sheet: &mut Sheet) {
             let probe = Probe::straight([5, 5], 0.5);
             let picture = constant(probe.size, 100.0);
             let slices: Vec<Slice> = positions(12.0 + 3.0 * gap, gap).map(|along| probe.put(&picture, along)).collect();
-            let r = weave(settings, &probe.mask(), &slices);
+            let r = reconstruct_all(settings, &probe.mask(), &slices);
             let weights = weights_along(&r, 2.0 * gap);
             let kernel = r.kernels().unwrap()[2];
             let what = format!("{}, s = {gap} σ: ripple of the weights", method.name());
@@ -95,7 +95,7 @@ fn gaps(sheet: &mut Sheet) {
         // Supports of 1.7 to 3.5 mm, slices 8 mm apart.
         let slices: Vec<Slice> =
             positions(24.0, 8.0).map(|along| probe.put(&constant(probe.size, 100.0), along)).collect();
-        let r = weave(settings, &probe.mask(), &slices);
+        let r = reconstruct_all(settings, &probe.mask(), &slices);
         let kernel = r.kernels().unwrap()[2];
         sheet.above(&format!("{}: gap / support", method.name()), 8.0 / kernel.support_mm, 2.0);
         let (mut wrong, mut holes) = (0, 0);
@@ -119,7 +119,7 @@ fn undersampled(sheet: &mut Sheet) {
         let slices: Vec<Slice> = positions(12.0, gap).map(|along| probe.scan(along, |p| scene.value(p))).collect();
         for method in METHODS {
             let settings = Settings { method, sigma_mm: [Some(0.5), Some(0.5), Some(1.0)], ..half_mm() };
-            let r = weave(settings, &probe.mask(), &slices);
+            let r = reconstruct_all(settings, &probe.mask(), &slices);
             let widths = DVec3::from_array(r.kernels().unwrap().map(|k| k.sigma_effective_mm().powi(2)));
             let blur = DMat3::from_diagonal(widths);
             let inside: Vec<_> = seen(&r).into_iter().filter(|voxel| voxel.at.abs().max_element() <= 7.0).collect();

@@ -52,7 +52,7 @@ fn slices() -> Vec<Slice> {
         .collect()
 }
 
-fn woven<'a>(settings: Settings, slices: impl IntoIterator<Item = &'a Slice>) -> Reconstructor {
+fn reconstructed<'a>(settings: Settings, slices: impl IntoIterator<Item = &'a Slice>) -> Reconstructor {
     let mut r = Reconstructor::new(settings, sector()).unwrap();
     slices.into_iter().for_each(|slice| drop(r.insert(slice).unwrap()));
     r
@@ -69,9 +69,9 @@ fn orders(sheet: &mut Sheet) {
     for compounding in BOTH {
         for method in METHODS {
             let settings = Settings { method, ..settings(compounding) };
-            let first = content(woven(settings.clone(), &slices).volume());
+            let first = content(reconstructed(settings.clone(), &slices).volume());
             for (k, order) in orders.iter().enumerate() {
-                let other = content(woven(settings.clone(), order.iter().map(|i| &slices[*i])).volume());
+                let other = content(reconstructed(settings.clone(), order.iter().map(|i| &slices[*i])).volume());
                 let what = format!("{}, {}, permutation {k}: bits", compounding.name(), method.name());
                 sheet.holds(&what, other == first);
             }

@@ -20,7 +20,7 @@ pub(crate) fn tests() -> Vec<Test> {
         Test::new("19", "beside what was not seen a slope is finite and no steeper than inside", slopes),
         Test::new("19", "the end of coverage and holes in it draw no shell", shells),
         Test::new("20", "evenly grey: the ambient picture, without NaN, whatever light, view and lattice", ambient),
-        Test::new("20", "evenly grey out of a reconstruction is ambient, too", woven),
+        Test::new("20", "evenly grey out of a reconstruction is ambient, too", reconstructed),
     ]
 }
 
@@ -144,11 +144,11 @@ fn ambient(sheet: &mut Sheet) {
     }
 }
 
-fn woven(sheet: &mut Sheet) {
+fn reconstructed(sheet: &mut Sheet) {
     let probe = Probe::oblique([40, 36], 0.3);
-    let mut weaver = PathReconstructor::general(Settings::new(DVec3::splat(0.5)), Mask::full(40, 36)).unwrap();
+    let mut reconstructor = PathReconstructor::general(Settings::new(DVec3::splat(0.5)), Mask::full(40, 36)).unwrap();
     for i in 0..20_u8 {
-        weaver.insert(&probe.put(&constant(probe.size, 200.0), 0.4 * f64::from(i))).unwrap();
+        reconstructor.insert(&probe.put(&constant(probe.size, 200.0), 0.4 * f64::from(i))).unwrap();
     }
     // Every voxel is a separate sum with separate rounding.
     let (mut steepest, mut places) = (0.0_f64, 0);
@@ -157,7 +157,7 @@ fn woven(sheet: &mut Sheet) {
         let voxel = |axis: usize, by: i64| {
             let (mut value, mut weight, mut at) = ([0.0_f32], [0.0_f32], at);
             at[axis] += by;
-            weaver.volume().values(at, &mut value, &mut weight);
+            reconstructor.volume().values(at, &mut value, &mut weight);
             (value[0], weight[0])
         };
         let slope = [0, 1, 2].map(|a| f64::from(gradient(voxel(a, 0), [voxel(a, -1), voxel(a, 1)], 0.5_f32)));
@@ -172,7 +172,7 @@ fn woven(sheet: &mut Sheet) {
     let transfer = Transfer::new(curve, 1.0, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
     let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
     let settings = RenderSettings { view, stop: 0.0, ..RenderSettings::new([40, 40], transfer) };
-    let picture = drawn(&settings, region, weaver.volume());
+    let picture = drawn(&settings, region, reconstructor.volume());
     let seen = picture.pixels.iter().filter(|p| p[3] < 0.5).count();
     sheet.above("pixels that see it", seen as f64, 200.0);
     let off = |[r, _, _, t]: [f64; 4]| (r - 0.3 * 200.0 / 255.0 * (1.0 - t)).abs();

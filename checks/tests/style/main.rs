@@ -46,6 +46,11 @@ fn test_names_are_short() {
 }
 
 #[test]
+fn identifiers_have_no_metaphors() {
+    report(SOURCES.rust().flat_map(names::metaphors).collect(), "");
+}
+
+#[test]
 fn files_are_short() {
     let long = SOURCES.all().filter_map(|source| {
         let lines = source.text.lines().count();

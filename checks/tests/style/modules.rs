@@ -346,13 +346,13 @@ impl Reader<'_, '_> {
         let goes_on = before(":", 1) && before(":", 2);
         let first = &segments[0];
         // A single name counts if it looks like a type, a constant, a call or a macro.
-        let is_telling = segments.len() > 1
+        let is_informative = segments.len() > 1
             || first.starts_with(char::is_uppercase)
             || self.is(end, "(")
             || self.is(end, "!") && !self.is(end + 1, "=")
             || self.is_double_colon(end);
         let is_own = before("for", 1) && first == "self";
-        if is_telling && !is_member && !goes_on && !is_own {
+        if is_informative && !is_member && !goes_on && !is_own {
             self.modules[module].named.push((segments, self.code[at].line));
         }
         end

@@ -20,6 +20,25 @@ const RETIRED: &str = "\
     pencil precedent rehearsal rung said seal seat shelf sight sitting swatch teller telling \
     told trial weave weaver weaving wish witness woven";
 
+/// Those of them without another plain sense. No identifier may contain one: functions, fields and
+/// variables have the words of their things, too.
+const METAPHORS: &str = "\
+    cloth conduct counsel crowd cutter deed desk dialect dresser easel fabric glance intake ladder linger loom \
+    onlooker onward precedent rehearsal rung sitting telling weave weaver weaving wish witness woven";
+
+/// Returns the identifiers that contain a metaphor, once a line.
+pub(crate) fn metaphors(source: &Source) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for name in source.code().iter().filter(|token| token.is_word()) {
+        if let Some(word) = word_of(name.text, METAPHORS) {
+            let sentence = format!("{} has the metaphor {word:?} in its name", name.text);
+            findings.push(Finding::new(&source.path, name.line, sentence));
+        }
+    }
+    findings.dedup();
+    findings
+}
+
 /// A type or module whose name has a retired word.
 pub(crate) struct Retired {
     /// Folder of the crate, or of the root crate's sources or tests.
@@ -88,6 +107,11 @@ pub(crate) fn retired(sources: &Sources) -> Vec<Retired> {
 
 /// Returns the first retired word of a name, such as `seat` of `ViewerSeats` and of `free_seat`.
 fn retired_word(name: &str) -> Option<&'static str> {
+    word_of(name, RETIRED)
+}
+
+/// Returns the first word of a name that is in a list.
+fn word_of(name: &str, list: &'static str) -> Option<&'static str> {
     let mut words = vec![String::new()];
     for c in name.chars() {
         if c == '_' || c.is_uppercase() {
@@ -98,7 +122,7 @@ fn retired_word(name: &str) -> Option<&'static str> {
         }
     }
     let is = |word: &str, retired: &str| word.strip_prefix(retired).is_some_and(|end| matches!(end, "" | "s" | "es"));
-    words.iter().find_map(|word| RETIRED.split_whitespace().find(|retired| is(word, retired)))
+    words.iter().find_map(|word| list.split_whitespace().find(|retired| is(word, retired)))
 }
 
 /// Returns the folder in front of `/src/`, `src` for the root's, or else a file's folder.
@@ -160,6 +184,15 @@ mod unit {
         assert_eq!(retired_word("free_wishes"), Some("wish"));
         assert_eq!(retired_word("Toldest"), None);
         assert_eq!(retired_word("Lawn"), None);
+    }
+
+    #[test]
+    fn metaphors_are_found_in_identifiers_only() {
+        let text = "fn f(loom: u8) {\n    // the loom\n    let text = \"loom\";\n    weaveSlice(bloom)\n}\n";
+        let found: Vec<usize> = Sources::of(&[("a.rs", text)]).rust().flat_map(metaphors).map(|f| f.line).collect();
+        assert_eq!(found, [1, 4]);
+        assert_eq!(word_of("WovenSlices", METAPHORS), Some("woven"));
+        assert_eq!(word_of("sonoweave_core", METAPHORS), None);
     }
 
     #[test]

@@ -100,7 +100,7 @@ struct State {
     present: Option<(SlicePlane, i64)>,
     coupling: Coupling,
     sensors: Sensors,
-    counsel: AdviceDebouncer,
+    advice: AdviceDebouncer,
     slices: u64,
 }
 
@@ -114,7 +114,7 @@ impl ScanGuidance {
             present: None,
             coupling: Coupling::default(),
             sensors: Sensors::default(),
-            counsel: AdviceDebouncer::default(),
+            advice: AdviceDebouncer::default(),
             slices: 0,
         };
         Self { settings, state: Mutex::new(state) }
@@ -138,7 +138,7 @@ impl ScanGuidance {
             account,
             calibration: self.settings.calibration.as_deref(),
         };
-        let advice = state.counsel.of(&signs, now_ns);
+        let advice = state.advice.of(&signs, now_ns);
         let (slices, pictures) = (state.slices, state.coupling.pictures());
         GuidanceStatus { spacing: self.settings.spacing, speed, holes, contact, sensors, advice, slices, pictures }
     }

@@ -130,7 +130,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
         ));
     }
     let figure = Figure {
-        id: "figure-7-woven",
+        id: "figure-7-reconstructed",
         title: "Figure 7: the signal reconstructed, by how much energy the support leaves out".into(),
         caption: format!(
             "Columns as in the paper, whose rows are the first two: the two sums, their quotient, its slope (over {SLOPE_OVER} σ; spikes reach beyond the axis). Black is the signal under the \
