@@ -137,7 +137,7 @@ impl Set {
         mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
     ) -> (Finished, Seen) {
         let (watch, plane_viewer) = (self.watch.clone(), self.plane_viewer.clone());
-        let session = Session { watch, plane_viewer: plane_viewer, ..stages(self.wait_ns, self.looks.clone()) };
+        let session = Session { watch, plane_viewer, ..stages(self.wait_ns, self.looks.clone()) };
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
