@@ -18,7 +18,7 @@ setup:
 quick: setup
 	scripts/quick.sh $(BASE)
 
-# Checks comments, names and lengths of files, and that modules and crates have no new cycles.
+# Checks comments, names and lengths of files, and that modules and crates have no cycles.
 style: setup
 	cargo test -p sonoweave-checks --locked
 

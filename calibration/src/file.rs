@@ -71,7 +71,6 @@ use std::path::Path;
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use crate::arm::Arm;
-use crate::error::PresetError;
 use crate::tracker::zones::Zones;
 use preset::Preset;
 pub use sonoweave_core::keys::FileError;
@@ -84,6 +83,7 @@ mod arm;
 mod distortion;
 mod latency;
 pub mod preset;
+mod preset_choice;
 mod values;
 
 pub use latency::Latency;
@@ -205,30 +205,6 @@ impl CalibrationFile {
             }
         }
         Ok(file)
-    }
-
-    /// Selects a preset: its image pose, clip rectangle and fan replace the file's. Without a
-    /// name it selects the only preset, unless the file itself has an `image_to_probe`. Returns
-    /// the selected preset, if any.
-    ///
-    /// # Errors
-    /// [`PresetError`] if none has that name, or if there are several and no name.
-    pub fn choose(&mut self, name: Option<&str>) -> Result<Option<Preset>, PresetError> {
-        let known = || self.presets.iter().map(|preset| preset.name.clone()).collect();
-        let chosen = match (name, &self.presets[..]) {
-            (Some(name), presets) => match presets.iter().find(|preset| preset.name == name) {
-                Some(preset) => preset.clone(),
-                None => return Err(PresetError::Unknown { name: name.to_owned(), known: known() }),
-            },
-            (None, _) if self.probe_from_image.is_some() => return Ok(None),
-            (None, []) => return Ok(None),
-            (None, [only]) => only.clone(),
-            (None, _) => return Err(PresetError::Unnamed { known: known() }),
-        };
-        self.probe_from_image = Some(chosen.probe_from_image);
-        self.clip = chosen.clip.or(self.clip);
-        self.fan = chosen.fan.or(self.fan);
-        Ok(Some(chosen))
     }
 
     /// Returns the file's text. The digits of the numbers restore them bit for bit.

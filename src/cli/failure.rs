@@ -3,6 +3,7 @@
 use config::Error;
 use pipeline::PipelineError;
 use reconstruct::Refused;
+use render::RenderError;
 use sync::NoPath;
 use volume::dense::DenseError;
 
@@ -42,6 +43,12 @@ fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
     }
     if let Some(DenseError::Memory { .. }) = error.downcast_ref() {
         return Some(" (--max-memory)");
+    }
+    match error.downcast_ref() {
+        Some(RenderError::Step { .. }) => return Some(" (--step)"),
+        Some(RenderError::Arity) => return Some(" (--arity)"),
+        Some(RenderError::Adaptive { .. } | RenderError::AdaptiveMode { .. }) => return Some(" (--adaptive)"),
+        _ => {}
     }
     match error.downcast_ref() {
         Some(PipelineError::NoGap) => return Some(" (--sigma, --resolution)"),

@@ -220,7 +220,7 @@ impl Arguments {
             grain_mm: self.grain,
             ..SceneOptions::new(self.seed)
         };
-        let shown = self.echoes.shown(self.scene, options);
+        let shown = self.echoes.content(self.scene, options);
         if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some() || self.phantom.is_some()) {
             return Err(Failure(
                 "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom need a \

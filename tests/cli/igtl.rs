@@ -14,19 +14,19 @@ const SHOWN: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmod
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A session that serves data; killed if the test fails.
-struct Shown {
+struct ReceivedImage {
     child: Child,
     port: String,
 }
 
-impl Drop for Shown {
+impl Drop for ReceivedImage {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-impl Shown {
+impl ReceivedImage {
     fn begin(place: &Place) -> Self {
         place.put("shown.toml", SHOWN);
         let child = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
@@ -56,7 +56,7 @@ impl Shown {
 #[test]
 fn session_can_use_another_session_as_devices() {
     let place = Place::new();
-    let shown = Shown::begin(&place);
+    let shown = ReceivedImage::begin(&place);
     let port = &shown.port;
     place.put(
         "b.toml",

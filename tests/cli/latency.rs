@@ -169,7 +169,8 @@ fn session_gives_total_lag_despite_pairing() {
         place.does(&format!("calibrate latency --session {session} --method crossings -o probe.toml --report r.json"));
     let report = place.json("r.json");
     let number = |key: &str| report[key].as_f64().unwrap();
-    assert!((number("lag_s") - 0.04).abs() < 3e-3 && number("lag_se_s") < 3e-3, "{said}");
+    // The devices' times are those of the machine: a loaded one delivers later.
+    assert!((number("lag_s") - 0.04).abs() < 8e-3 && number("lag_se_s") < 3e-3, "{said}");
     assert_eq!((number("video_ms"), number("paired_by_ms")), (25.0, -25.0));
     assert!((number("tracker_ms") - 25.0 - 1e3 * number("lag_s")).abs() < 1e-9, "{report}");
     assert!(said.contains("the session was reconstructed with a lag of -25.0 ms"), "{said}");

@@ -122,7 +122,7 @@ fn methods_and_compounding_affect_volume_and_header() {
     {
         place.does(&format!("reconstruct p.mha -o v.mha --stats s.json --clip none {flags}"));
         assert_eq!(place.json("s.json")["path"], "general");
-        let says = [format!("the planar path does not support {what}: choose --path general")];
+        let says = [format!("the planar path does not support {what}: choose the general path")];
         place.refuses(&format!("reconstruct p.mha -o w.mha --path planar --clip none {flags}"), &[&says[0]]);
     }
     let says = &["--support, --leakage: the kernel bspline3 has a fixed support", "choose the method gaussian"];

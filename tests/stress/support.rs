@@ -75,7 +75,7 @@ fn narrower_than_a_pixel(sheet: &mut Sheet) {
     let refused = r.insert(&probe.put(&noise(probe.size, 1), 0.0));
     let named = matches!(&refused, Err(Refused::Settings(SettingsError::Spline { axis: 'u', .. })));
     sheet.holds("refused, along u", named);
-    sheet.holds("the sentence names what to change", refused.is_err_and(|e| e.to_string().contains("--sigma")));
+    sheet.holds("the sentence names what to change", refused.is_err_and(|e| e.to_string().contains("larger σ")));
     sheet.equal("bricks", r.volume().len(), 0);
 }
 

@@ -4,6 +4,7 @@ use sonoweave_core::date::Date;
 
 use super::*;
 use crate::arm::{Joint, Sign};
+use crate::error::PresetError;
 use crate::tracker::zones::Zone;
 
 fn parse(text: &str) -> Result<CalibrationFile, String> {

@@ -171,7 +171,7 @@ fn registration(entry: &Entry<'_>) -> Result<Registration, FileError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::three_ns;
+    use super::super::geometry::tests::three_ns;
     use super::*;
 
     fn parse(text: &str) -> Result<PhantomFile, String> {

@@ -168,7 +168,7 @@ impl View {
 mod tests {
     use glam::{DAffine3, DQuat};
 
-    use super::super::tests::three_ns;
+    use super::super::geometry::tests::three_ns;
     use super::*;
 
     fn changed(map: DAffine3, change: impl Fn(&mut Vec<Wire>)) -> Result<Plates, CalibrationError> {

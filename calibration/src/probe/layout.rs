@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::error::{CalibrationError, ProbeError};
-use crate::phantom::nwire::PARALLEL_RAD;
+use crate::phantom::find_nwires::PARALLEL_RAD;
 use crate::phantom::{Geometry, Nwire, Wire};
 
 /// Minimum ratio of four parallel wires' spread across their common line to that along it.
@@ -225,7 +225,7 @@ fn are_parallel(wire: &Wire, direction: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::phantom::tests::three_ns;
+    use crate::phantom::geometry::tests::three_ns;
 
     #[test]
     fn four_dots_give_affine_map_and_one_test() {

@@ -198,7 +198,7 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
-    use crate::phantom::tests::three_ns;
+    use crate::phantom::geometry::tests::three_ns;
 
     fn plane() -> ImagePlane {
         let turn = DQuat::from_euler(glam::EulerRot::XYZ, -1.4, 0.1, 0.05);

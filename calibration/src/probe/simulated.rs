@@ -11,7 +11,7 @@ use super::sighting::Sighting;
 use super::track::{Poses, Track};
 use crate::noise::Noise;
 use crate::phantom::Geometry;
-use crate::phantom::tests::three_ns;
+use crate::phantom::geometry::tests::three_ns;
 
 /// Size of the images, pixels.
 pub(super) const SIZE_PX: [u32; 2] = [820, 616];

@@ -7,15 +7,12 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use crate::findings::Finding;
-use crate::known::{self, Known};
 use crate::modules::{self, Module};
 use crate::resolve::{Place, resolve};
 use crate::sources::Sources;
 
 /// Modules of a crate that reach each other.
-pub(crate) struct Cycle {
-    /// Folder of the crate.
-    crate_: String,
+struct Cycle {
     /// Names of the modules, sorted.
     names: Vec<String>,
     /// Dependencies between them.
@@ -35,25 +32,18 @@ struct Edge {
 
 /// Returns the cycles of all libraries and programs. Tests and benches are left out: their modules
 /// share what `main.rs` prepares.
-pub(crate) fn find(sources: &Sources) -> Vec<Cycle> {
-    let roots = sources.rust().filter_map(|source| Some((source.path.as_str(), crate_name(&source.path)?)));
-    roots.flat_map(|(root, name)| of_crate(sources, root, name)).collect()
+fn find(sources: &Sources) -> Vec<Cycle> {
+    let roots = sources.rust().map(|source| source.path.as_str()).filter(|path| is_root(path));
+    roots.flat_map(|root| of_crate(sources, root)).collect()
 }
 
-/// Returns the name of the crate whose root a file is, by its folder.
-fn crate_name(file: &str) -> Option<&str> {
-    let (folder, name) = file.rsplit_once('/')?;
-    if !folder.split('/').any(|part| part == "src") {
-        return None;
-    }
-    match name {
-        "lib.rs" => Some(folder.strip_suffix("/src").unwrap_or(folder)),
-        "main.rs" => Some(folder),
-        _ => None,
-    }
+/// Returns whether a file is the root of a library or a program.
+fn is_root(file: &str) -> bool {
+    let parts: Vec<&str> = file.split('/').collect();
+    parts.contains(&"src") && matches!(parts.last(), Some(&"lib.rs" | &"main.rs"))
 }
 
-fn of_crate(sources: &Sources, root: &str, name: &str) -> Vec<Cycle> {
+fn of_crate(sources: &Sources, root: &str) -> Vec<Cycle> {
     let modules = modules::read(sources, root);
     let edges = edges(&modules);
     let reached: Vec<BTreeSet<usize>> = (0..modules.len()).map(|m| reached(&edges, m)).collect();
@@ -73,7 +63,7 @@ fn of_crate(sources: &Sources, root: &str, name: &str) -> Vec<Cycle> {
             });
             let mut names: Vec<String> = members.iter().map(|m| modules[*m].name.clone()).collect();
             names.sort();
-            cycles.push(Cycle { crate_: name.to_owned(), names, edges: edges.collect() });
+            cycles.push(Cycle { names, edges: edges.collect() });
             done.extend(members);
         }
     }
@@ -114,45 +104,20 @@ fn reached(edges: &BTreeMap<(usize, usize), (String, usize)>, from: usize) -> BT
     all
 }
 
-/// Writes the list of cycles.
-pub(crate) fn list(cycles: &[Cycle]) -> String {
-    known::format(cycles.iter().map(|c| (c.crate_.clone(), c.names.clone())))
+/// Returns the dependencies of each cycle's shortest way around.
+pub(crate) fn check(sources: &Sources) -> Vec<Finding> {
+    let finding = |cycle: &Cycle, edge: &Edge| {
+        let (size, Edge { from, to, path, .. }) = (cycle.names.len(), edge);
+        let sentence = format!("{from} names {path} of {to}: part of a cycle of {size} modules");
+        Finding::new(&edge.file, edge.line, sentence)
+    };
+    let cycles = find(sources);
+    cycles.iter().flat_map(|cycle| shortest(cycle).into_iter().map(|edge| finding(cycle, edge))).collect()
 }
 
-/// Returns the cycles that are not listed, each by the dependencies of its shortest new way around,
-/// and the listed ones that are gone.
-pub(crate) fn compare(found: &[Cycle], known: &Known) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    let mut rest = known.0.clone();
-    for cycle in found {
-        if rest.remove(&(cycle.crate_.clone(), cycle.names.clone())) {
-            continue;
-        }
-        let old: Vec<&Vec<String>> =
-            known.0.iter().filter(|(c, _)| *c == cycle.crate_).map(|(_, names)| names).collect();
-        for edge in shortest(cycle, &old) {
-            let size = cycle.names.len();
-            let sentence =
-                format!("{} names {} of {}: part of a cycle of {size} modules", edge.from, edge.path, edge.to);
-            findings.push(Finding::new(&edge.file, edge.line, sentence));
-        }
-    }
-    for (crate_, names) in rest {
-        let some = names.iter().take(4).cloned().collect::<Vec<_>>().join(", ");
-        let sentence = format!("{crate_} no longer has this cycle of {} modules: {some} …", names.len());
-        findings.push(Finding::new("checks/tests/style/cycles.txt", 1, sentence));
-    }
-    findings
-}
-
-/// Returns the shortest way around that is not within a known cycle.
-fn shortest<'a>(cycle: &'a Cycle, known: &[&Vec<String>]) -> Vec<&'a Edge> {
-    let is_new = |edge: &Edge| !known.iter().any(|names| names.contains(&edge.from) && names.contains(&edge.to));
-    let mut starts: Vec<&Edge> = cycle.edges.iter().filter(|edge| is_new(edge)).collect();
-    if starts.is_empty() {
-        starts = cycle.edges.iter().collect();
-    }
-    starts.iter().map(|start| around(cycle, start)).min_by_key(Vec::len).unwrap_or_default()
+/// Returns a cycle's shortest way around.
+fn shortest(cycle: &Cycle) -> Vec<&Edge> {
+    cycle.edges.iter().map(|start| around(cycle, start)).min_by_key(Vec::len).unwrap_or_default()
 }
 
 /// Returns the shortest way around that begins with a dependency.
@@ -253,23 +218,14 @@ mod tests {
     }
 
     #[test]
-    fn new_and_gone_cycles_are_found() {
+    fn each_dependency_of_a_cycle_is_named() {
         let sources = Sources::of(&[
             ("src/lib.rs", "mod a; mod b;"),
             ("src/a.rs", "pub struct A;\nuse crate::b::B;"),
             ("src/b.rs", "pub struct B;\n\nuse crate::a::A;"),
         ]);
-        let found = find(&sources);
-        let places = |known: &str| -> Vec<(String, usize)> {
-            compare(&found, &Known::parse(known)).into_iter().map(|f| (f.file, f.line)).collect()
-        };
-        assert_eq!(places(&list(&found)), []);
-        let mut new = places("");
-        new.sort();
-        assert_eq!(new, [("src/a.rs".to_owned(), 2), ("src/b.rs".to_owned(), 3)]);
-        assert_eq!(
-            places("src\n    a\n    b\n\nsrc\n    c\n    d\n"),
-            [("checks/tests/style/cycles.txt".to_owned(), 1)]
-        );
+        let mut found: Vec<(String, usize)> = check(&sources).into_iter().map(|f| (f.file, f.line)).collect();
+        found.sort();
+        assert_eq!(found, [("src/a.rs".to_owned(), 2), ("src/b.rs".to_owned(), 3)]);
     }
 }

@@ -1,11 +1,8 @@
 //! Names: of test functions, and of types and modules with retired words.
 
-use std::collections::BTreeMap;
-
 use crate::findings::Finding;
-use crate::known::{self, Known};
 use crate::lexer::Token;
-use crate::sources::{Source, Sources};
+use crate::sources::Source;
 
 /// Longest name of a test function, characters.
 const TEST_NAME: usize = 60;
@@ -16,8 +13,8 @@ const DEFINITIONS: [&str; 5] = ["struct", "enum", "trait", "type", "mod"];
 /// Metaphors that gave way to the field's terms. No name may contain one, in singular or plural.
 const RETIRED: &str = "\
     bed cloth coach conduct counsel crowd cutter deed desk dialect doubt dress dresser easel \
-    fabric fate gather glance heard intake ladder law linger loom matter onlooker onto onward \
-    pencil precedent rehearsal rung said seal seat shelf sight sitting swatch teller telling \
+    fabric fate gather glance heard held intake ladder law linger loom matter onlooker onto onward \
+    pencil precedent rehearsal rung said seal seat shelf shown sight sitting swatch teller telling \
     told trial weave weaver weaving wish witness woven";
 
 /// Those of them without another plain sense. No identifier may contain one: functions, fields and
@@ -37,15 +34,6 @@ pub(crate) fn metaphors(source: &Source) -> Vec<Finding> {
     }
     findings.dedup();
     findings
-}
-
-/// A type or module whose name has a retired word.
-pub(crate) struct Retired {
-    /// Folder of the crate, or of the root crate's sources or tests.
-    area: String,
-    /// Keyword and name.
-    name: String,
-    finding: Finding,
 }
 
 /// Returns the test functions with long or wrongly formed names.
@@ -83,34 +71,19 @@ fn test_name<'a>(code: &[Token<'a>], at: usize) -> Option<Token<'a>> {
 }
 
 /// Returns the definitions of types and modules that have a retired word in their names.
-pub(crate) fn retired(sources: &Sources) -> Vec<Retired> {
-    let mut all = Vec::new();
-    for source in sources.rust() {
-        let file = &source.path;
-        let code = source.code();
-        for pair in code.windows(2) {
-            let [keyword, name] = pair else { continue };
-            if !name.is_word() || !DEFINITIONS.iter().any(|d| keyword.is(d)) {
-                continue;
-            }
-            let Some(word) = retired_word(name.text) else { continue };
-            let sentence = format!("{} {} has the retired word {word:?} in its name", keyword.text, name.text);
-            all.push(Retired {
-                area: area(file).to_owned(),
-                name: format!("{} {}", keyword.text, name.text),
-                finding: Finding::new(file, name.line, sentence),
-            });
-        }
-    }
-    all
+pub(crate) fn retired(source: &Source) -> Vec<Finding> {
+    let code = source.code();
+    let definitions = code.windows(2).filter(|pair| pair[1].is_word() && DEFINITIONS.iter().any(|d| pair[0].is(d)));
+    let findings = definitions.filter_map(|pair| {
+        let word = word_of(pair[1].text, RETIRED)?;
+        let sentence = format!("{} {} has the retired word {word:?} in its name", pair[0].text, pair[1].text);
+        Some(Finding::new(&source.path, pair[1].line, sentence))
+    });
+    findings.collect()
 }
 
-/// Returns the first retired word of a name, such as `seat` of `ViewerSeats` and of `free_seat`.
-fn retired_word(name: &str) -> Option<&'static str> {
-    word_of(name, RETIRED)
-}
-
-/// Returns the first word of a name that is in a list.
+/// Returns the first word of a name that is in a list, such as `seat` of `ViewerSeats` and of
+/// `free_seat`.
 fn word_of(name: &str, list: &'static str) -> Option<&'static str> {
     let mut words = vec![String::new()];
     for c in name.chars() {
@@ -125,48 +98,10 @@ fn word_of(name: &str, list: &'static str) -> Option<&'static str> {
     words.iter().find_map(|word| list.split_whitespace().find(|retired| is(word, retired)))
 }
 
-/// Returns the folder in front of `/src/`, `src` for the root's, or else a file's folder.
-fn area(file: &str) -> &str {
-    if file.starts_with("src/") {
-        return "src";
-    }
-    let end = file.find("/src/").or_else(|| file.rfind('/')).unwrap_or(file.len());
-    &file[..end]
-}
-
-/// Writes the list of names by area.
-pub(crate) fn list(all: &[Retired]) -> String {
-    let mut areas: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for retired in all {
-        areas.entry(retired.area.clone()).or_default().push(retired.name.clone());
-    }
-    for names in areas.values_mut() {
-        names.sort();
-    }
-    known::format(areas)
-}
-
-/// Returns the names that are not listed, and the listed ones that are gone.
-pub(crate) fn compare(found: &[Retired], known: &Known) -> Vec<Finding> {
-    let mut rest: Vec<(&str, &str)> =
-        known.0.iter().flat_map(|(area, names)| names.iter().map(move |n| (area.as_str(), n.as_str()))).collect();
-    let mut findings = Vec::new();
-    for retired in found {
-        match rest.iter().position(|known| *known == (retired.area.as_str(), retired.name.as_str())) {
-            Some(at) => drop(rest.swap_remove(at)),
-            None => findings.push(retired.finding.clone()),
-        }
-    }
-    let gone = |(area, name)| {
-        Finding::new("checks/tests/style/names.txt", 1, format!("{area} has no {name} any more: remove it here"))
-    };
-    findings.extend(rest.into_iter().map(gone));
-    findings
-}
-
 #[cfg(test)]
 mod unit {
     use super::*;
+    use crate::sources::Sources;
 
     #[test]
     fn long_and_mixed_test_names_are_found() {
@@ -180,10 +115,10 @@ mod unit {
 
     #[test]
     fn retired_words_are_found_within_names() {
-        assert_eq!(retired_word("ViewerSeats"), Some("seat"));
-        assert_eq!(retired_word("free_wishes"), Some("wish"));
-        assert_eq!(retired_word("Toldest"), None);
-        assert_eq!(retired_word("Lawn"), None);
+        assert_eq!(word_of("ViewerSeats", RETIRED), Some("seat"));
+        assert_eq!(word_of("free_wishes", RETIRED), Some("wish"));
+        assert_eq!(word_of("Toldest", RETIRED), None);
+        assert_eq!(word_of("Lawn", RETIRED), None);
     }
 
     #[test]
@@ -196,11 +131,9 @@ mod unit {
     }
 
     #[test]
-    fn new_and_gone_names_are_found() {
-        let sources = Sources::of(&[("crates/a/src/x.rs", "struct Loom;\n// struct Desk;\nenum Wishes {}\n")]);
-        let known = Known::parse("crates/a\n    struct Loom\n    struct Seat\n");
-        let found: Vec<(String, usize)> =
-            compare(&retired(&sources), &known).into_iter().map(|f| (f.file, f.line)).collect();
-        assert_eq!(found, [("crates/a/src/x.rs".to_owned(), 3), ("checks/tests/style/names.txt".to_owned(), 1)]);
+    fn definitions_with_retired_words_are_found() {
+        let text = "struct Loom;\n// struct Desk;\nenum Wishes {}\nstruct Lawn;\n";
+        let found: Vec<usize> = Sources::of(&[("a.rs", text)]).rust().flat_map(retired).map(|f| f.line).collect();
+        assert_eq!(found, [1, 3]);
     }
 }

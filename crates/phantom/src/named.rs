@@ -159,7 +159,7 @@ pub struct Scanned {
 
 /// The displayed form of a scene.
 #[derive(Debug, Clone)]
-pub enum Shown {
+pub enum SceneContent {
     /// Its grey levels.
     Greys(Scene),
     /// Its echoes.
@@ -168,24 +168,24 @@ pub enum Shown {
 
 impl SceneName {
     /// Returns the scene and its displayed form.
-    pub fn shown(self, options: &SceneOptions) -> Shown {
+    pub fn content(self, options: &SceneOptions) -> SceneContent {
         use ProbeName::{Curvilinear, Linear};
         let SceneOptions { seed, grey, normal, frequency, grain_mm, probe, depth_mm } = *options;
         let (body, usual, depth, sweep_mm) = match self {
-            Self::Constant => return Shown::Greys(Scene::Constant(grey)),
-            Self::Ramp => return Shown::Greys(Scene::standard_ramp()),
-            Self::Blobs => return Shown::Greys(Scene::Blobs(Blobs::draw(seed))),
-            Self::Sphere => return Shown::Greys(Scene::standard_sphere()),
-            Self::Plane => return Shown::Greys(Scene::Plane(Plane::standard(normal))),
-            Self::ZonePlate => return Shown::Greys(Scene::ZonePlate(ZonePlate::standard())),
+            Self::Constant => return SceneContent::Greys(Scene::Constant(grey)),
+            Self::Ramp => return SceneContent::Greys(Scene::standard_ramp()),
+            Self::Blobs => return SceneContent::Greys(Scene::Blobs(Blobs::draw(seed))),
+            Self::Sphere => return SceneContent::Greys(Scene::standard_sphere()),
+            Self::Plane => return SceneContent::Greys(Scene::Plane(Plane::standard(normal))),
+            Self::ZonePlate => return SceneContent::Greys(Scene::ZonePlate(ZonePlate::standard())),
             Self::Sinusoid => {
-                return Shown::Greys(Scene::Waves(frequency.map_or_else(Waves::standard, Waves::single)));
+                return SceneContent::Greys(Scene::Waves(frequency.map_or_else(Waves::standard, Waves::single)));
             }
-            Self::Wires => return Shown::Greys(Scene::Wires(Wires::standard())),
-            Self::Sheet => return Shown::Greys(Scene::ThinSheet(ThinSheet::standard(normal))),
-            Self::MarschnerLobb => return Shown::Greys(Scene::MarschnerLobb(MarschnerLobb::standard())),
-            Self::Speckle => return Shown::Greys(Scene::Speckle(Speckle::draw(seed, grain_mm))),
-            Self::Pulsating => return Shown::Greys(Scene::Pulsating(Pulsating::standard())),
+            Self::Wires => return SceneContent::Greys(Scene::Wires(Wires::standard())),
+            Self::Sheet => return SceneContent::Greys(Scene::ThinSheet(ThinSheet::standard(normal))),
+            Self::MarschnerLobb => return SceneContent::Greys(Scene::MarschnerLobb(MarschnerLobb::standard())),
+            Self::Speckle => return SceneContent::Greys(Scene::Speckle(Speckle::draw(seed, grain_mm))),
+            Self::Pulsating => return SceneContent::Greys(Scene::Pulsating(Pulsating::standard())),
             Self::Doll => (doll::doll(), Curvilinear, 110.0, doll::SWEEP_MM),
             Self::Thigh => (thigh::thigh(FACE_RADIUS_MM), Curvilinear, 120.0, thigh::SWEEP_MM),
             Self::NWire => (calibration::n_wires(&calibration::NWires::default()), Linear, 50.0, 36.0),
@@ -202,11 +202,11 @@ impl SceneName {
             Linear => Scanner::small_parts(depth),
         };
         let scanner = if self == Self::Thigh { scanner } else { scanner.in_water() };
-        Shown::Echoes(Box::new(Scanned { body, scanner: Scanner { seed, ..scanner }, sweep_mm }))
+        SceneContent::Echoes(Box::new(Scanned { body, scanner: Scanner { seed, ..scanner }, sweep_mm }))
     }
 }
 
-impl Shown {
+impl SceneContent {
     /// Returns body and scanner, if echoes are simulated.
     pub fn scanned(&self) -> Option<&Scanned> {
         match self {
@@ -253,7 +253,7 @@ impl Scanned {
 
 impl TrajectoryName {
     /// Returns the default distance of a sweep's frames for a scene, mm.
-    pub fn usual_gap_mm(self, shown: &Shown, frames: u32) -> f64 {
+    pub fn usual_gap_mm(self, shown: &SceneContent, frames: u32) -> f64 {
         match self {
             Self::About => ABOUT_GAP_MM,
             _ => shown.usual_gap_mm(frames),

@@ -24,11 +24,11 @@ const WORDS: usize = 3;
 pub(in crate::cli) struct Terminal {
     picture: Mutex<Picture>,
     bar: ProgressBar,
-    shown: Mutex<Shown>,
+    shown: Mutex<PrintedPicture>,
 }
 
 #[derive(Default)]
-struct Shown {
+struct PrintedPicture {
     at: Option<Instant>,
     said: Option<Instant>,
     art: String,
@@ -80,7 +80,7 @@ impl Terminal {
         self.picture.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn shown(&self) -> std::sync::MutexGuard<'_, Shown> {
+    fn shown(&self) -> std::sync::MutexGuard<'_, PrintedPicture> {
         self.shown.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

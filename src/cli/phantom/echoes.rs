@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use calibration::phantom::file::{PhantomFile, Registration};
 use calibration::phantom::{Geometry, Landmark, Wire};
 use phantom::bmode::{Effects, Transducer};
-use phantom::named::{ProbeName, SceneName, SceneOptions, Shown};
+use phantom::named::{ProbeName, SceneContent, SceneName, SceneOptions};
 use phantom::{Scan, body};
 use sonoweave_core::frames::Transform;
 
@@ -68,9 +68,9 @@ impl EchoFlags {
 
     /// Returns the contents of the images of a scene; for echoes, with the scanner of these
     /// flags.
-    pub(super) fn shown(&self, scene: SceneName, options: SceneOptions) -> Shown {
-        let mut shown = scene.shown(&SceneOptions { probe: self.probe, depth_mm: self.depth, ..options });
-        let Shown::Echoes(scanned) = &mut shown else { return shown };
+    pub(super) fn content(&self, scene: SceneName, options: SceneOptions) -> SceneContent {
+        let mut shown = scene.content(&SceneOptions { probe: self.probe, depth_mm: self.depth, ..options });
+        let SceneContent::Echoes(scanned) = &mut shown else { return shown };
         let scanner = &mut scanned.scanner;
         for (to, from) in [
             (&mut scanner.frequency_mhz, self.mhz),

@@ -122,7 +122,7 @@ mod tests {
     use super::super::Matcher;
     use super::*;
     use crate::phantom::Geometry;
-    use crate::phantom::tests::three_ns;
+    use crate::phantom::geometry::tests::three_ns;
 
     #[test]
     fn row_is_read_in_either_direction() {

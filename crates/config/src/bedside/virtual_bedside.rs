@@ -68,7 +68,7 @@ impl VirtualBedside {
         let (trajectory, frames, seed) = (trajectory.0, given.frames, given.seed);
         let tracker_noise =
             TrackerNoise { position_mm: given.tracker_noise_mm, rotation_degrees: given.tracker_noise_deg };
-        let shown = scene.shown(&SceneOptions::new(seed.into()));
+        let shown = scene.content(&SceneOptions::new(seed.into()));
         let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
         let pixel_mm = given.pixel_mm.unwrap_or_else(|| shown.usual_pixel_mm(image_size));

@@ -109,7 +109,7 @@ pub struct PlaneWork {
 type Span = [[i64; 3]; 2];
 
 /// A plane that was shown.
-struct ShownPlane {
+struct LastPlane {
     plane: PlaneRequest,
     sampled: Vec<Sampled>,
 }
@@ -123,7 +123,7 @@ struct Planes {
     span: Option<Span>,
     known: Known,
     subset: BrickSubset,
-    shown: BTreeMap<usize, ShownPlane>,
+    shown: BTreeMap<usize, LastPlane>,
     /// The last reported reason why there is nothing to show.
     nothing: String,
     work: PlaneWork,
@@ -273,7 +273,7 @@ impl Planes {
             let is_other = if moved { self.sample(plane, &extent) } else { self.renew(plane, &extent, &hit) };
             if is_other {
                 self.work.shown += 1;
-                let Some(ShownPlane { sampled, .. }) = self.shown.get(&plane.number) else { continue };
+                let Some(LastPlane { sampled, .. }) = self.shown.get(&plane.number) else { continue };
                 let VolumeState { slices, item, captured_ns, .. } = state;
                 viewer.show_plane(&PlaneImage {
                     request: plane,
@@ -328,7 +328,7 @@ impl Planes {
         self.work.planes += 1;
         let planar = Planar { volume: &self.subset, place: extent.place, pool: None };
         let (sampled, _) = planar.sample(&plane.section);
-        let before = self.shown.insert(plane.number, ShownPlane { plane, sampled });
+        let before = self.shown.insert(plane.number, LastPlane { plane, sampled });
         let now = self.shown.get(&plane.number);
         before.zip(now).is_none_or(|(before, now)| before.plane != plane || before.sampled != now.sampled)
     }

@@ -42,7 +42,7 @@ pub struct Paired {
 
 /// The newest transform with a name.
 #[derive(Debug)]
-struct Held {
+struct NewestTransform {
     names: Names,
     /// Whether neither side is an image frame: then the transform must be rigid.
     tracker: bool,
@@ -54,7 +54,7 @@ struct Held {
 #[derive(Debug)]
 pub struct StampedPairing {
     options: PairingOptions,
-    held: Vec<Held>,
+    held: Vec<NewestTransform>,
     route: Option<Route>,
     /// Whether names have been added since the last search for a chain.
     names_changed: bool,
@@ -196,7 +196,7 @@ impl StampedPairing {
             ));
         }
         let names = (from.to_owned(), to.to_owned());
-        self.held.push(Held { names, tracker: !(image_from || image_to), newest: None });
+        self.held.push(NewestTransform { names, tracker: !(image_from || image_to), newest: None });
         self.names_changed = true;
         Some(self.held.len() - 1)
     }
@@ -240,7 +240,7 @@ impl StampedPairing {
     }
 }
 
-impl Held {
+impl NewestTransform {
     fn name(&self) -> String {
         transform_name(&self.names.0, &self.names.1)
     }

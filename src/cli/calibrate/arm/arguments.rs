@@ -9,7 +9,7 @@ use calibration::arm::JOINTS;
 
 use super::super::guide::Gathering;
 use super::super::outputs::Outputs;
-use super::touched::{Places, Which};
+use super::touched::{TouchedDivots, Which};
 use crate::cli::values;
 
 /// Flags of `calibrate arm`.
@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
     pub(super) goal: f64,
     #[command(flatten)]
-    pub(super) places: Places,
+    pub(super) places: TouchedDivots,
     #[command(flatten)]
     pub(super) which: Which,
     /// Calibration file whose [[arm.joint]] replaces the session's: lengths right to a tenth,

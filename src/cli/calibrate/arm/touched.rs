@@ -18,7 +18,7 @@ const LISTED: usize = 40;
 /// Known geometry of the touched places.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-pub(super) struct Places {
+pub(super) struct TouchedDivots {
     /// Plate with divots (TOML): format = "sonoweave-plate", version = 1, divots_mm = [[x, y],
     /// …]
     #[arg(long, value_name = "PLATE.toml")]
@@ -55,7 +55,7 @@ pub(super) struct Which {
     to: Option<f64>,
 }
 
-/// The geometry of [`Places`], read from its file.
+/// The geometry of [`TouchedDivots`], read from its file.
 pub(super) enum Place {
     Divots(Vec<DVec2>),
     Point,
@@ -70,7 +70,7 @@ pub(super) struct Touched {
     pub(super) rests: Vec<(usize, Rest)>,
 }
 
-impl Places {
+impl TouchedDivots {
     /// Returns the geometry's file, if it has one.
     pub(super) fn file(&self) -> Option<&PathBuf> {
         self.plate.as_ref()

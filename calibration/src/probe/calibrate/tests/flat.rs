@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::error::ProbeError;
-use crate::phantom::tests::three_ns;
+use crate::phantom::geometry::tests::three_ns;
 use crate::probe::simulated::{Hand, places};
 
 /// An operator's motion that brings the dots to all parts of the image.

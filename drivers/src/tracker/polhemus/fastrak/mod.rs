@@ -23,8 +23,8 @@
 //! forward, y right, z down; R = Rz(azimuth) · Ry(elevation) · Rx(roll). The unit of positions
 //! (inches, cm) is a setting that records do not carry; [`Status`] gives it.
 
-mod columns;
 pub mod command;
+mod items;
 mod limits;
 mod list;
 mod pose;
@@ -151,7 +151,7 @@ fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut 
     let Some(bytes) = window.get(..layout.length()) else {
         return Parsed::Short;
     };
-    match columns::read(bytes, layout, pose) {
+    match items::read(bytes, layout, pose) {
         Ok(()) => Parsed::Record { length: bytes.len(), record: () },
         Err(why) => Parsed::skip_byte(why),
     }

@@ -62,7 +62,7 @@ fn crossing(first: &Wire, second: &Wire) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::three_ns;
+    use super::super::geometry::tests::three_ns;
     use super::*;
 
     #[test]
