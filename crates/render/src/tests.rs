@@ -349,10 +349,10 @@ fn invalid_settings_are_refused() {
         |settings: RenderSettings| Renderer::new(&settings, region).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(text(RenderSettings { size: [0, 64], ..fine.clone() }).contains("0×64"));
     assert!(text(RenderSettings { size: [64, 100_000], ..fine.clone() }).contains("8192"));
-    assert!(text(RenderSettings { step: 0.0, ..fine.clone() }).contains("--step"));
-    assert!(text(RenderSettings { step: f64::NAN, ..fine.clone() }).contains("--step"));
+    assert!(text(RenderSettings { step: 0.0, ..fine.clone() }).contains("a longer step"));
+    assert!(text(RenderSettings { step: f64::NAN, ..fine.clone() }).contains("a longer step"));
     assert!(text(RenderSettings { step: 1e-4, ..fine.clone() }).contains("samples a ray"));
-    assert!(text(RenderSettings { arity: Some(0), ..fine.clone() }).contains("--arity"));
+    assert!(text(RenderSettings { arity: Some(0), ..fine.clone() }).contains("the arity"));
     assert!(text(RenderSettings { stop: 1.5, ..fine.clone() }).contains("transmittance"));
     for view in [
         View { azimuth: f64::NAN, ..View::default() },

@@ -225,7 +225,7 @@ mod tests {
              transform; give a configuration with ImageToProbe"
         );
         assert!(error(&["ToolToTracker"], &[]).ends_with("to a frame that the sequence tracks"));
-        assert!(error(&["ProbeToTracker"], &["ImageToProbe"]).contains("--world"));
+        assert!(error(&["ProbeToTracker"], &["ImageToProbe"]).contains("name a world"));
         assert!(error(&[], &["ImageToProbe"]).contains("cannot be placed in space"));
         let many: Vec<String> = (0..40).map(|i| format!("T{i}ToTracker")).collect();
         let many: Vec<&str> = many.iter().map(String::as_str).collect();

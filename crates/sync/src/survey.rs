@@ -259,7 +259,7 @@ mod tests {
     fn recording_without_chain_refused_before_images() {
         let mut device = device(vec![transform(0, "Probe", "Tracker", 1.0), frame(0)]);
         let error = survey(&mut device, &PairingOptions::default()).unwrap_err().to_string();
-        assert!(error.contains("no way from Image to Tracker") && error.contains("--image-to-probe"), "{error}");
+        assert!(error.contains("no way from Image to Tracker") && error.contains("with ImageToProbe"), "{error}");
         assert!(!device.running);
     }
 }

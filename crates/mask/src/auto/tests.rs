@@ -110,7 +110,7 @@ fn bright_dots_in_black_water_cut_nothing() {
     assert_eq!(
         found.notes,
         [
-            "no picture edge found on the left, right, top, bottom: the frame's edge is taken; --clip or --clip none says otherwise"
+            "no picture edge found on the left, right, top, bottom: the frame's edge counts; set a clip, or none, otherwise"
         ]
     );
 }

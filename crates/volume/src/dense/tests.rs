@@ -103,7 +103,7 @@ fn seen_from_weights_else_from_header() {
     assert_eq!(row::<4>(&volume, [-1, 7, 2]), ([0.0, 1.0, 0.0, 3.0], [0.0, 1.0, 0.0, 1.0]));
     assert_eq!((volume.seen(), volume.extremes()), (2, Some([1.0, 3.0])));
     let notes = volume.notes().join("\n");
-    assert!(notes.contains("1 voxels of the value 7") && notes.contains("--weights"), "{notes}");
+    assert!(notes.contains("1 voxels of the value 7") && notes.contains("the weights would show"), "{notes}");
 
     let path = files.floats("n.mha", &header([2, 1, 1], &[(UNSEEN_FIELD, "NaN")]), &[f32::NAN; 2]);
     let volume = DenseVolume::open(&path, None, PLENTY).unwrap();
@@ -156,9 +156,9 @@ fn unusable_file_refused_with_reason() {
     let two = files.put("two.mha", &VolumeHeader { channels: 2, ..plain.clone() }, &[1; 48]);
     fails(&two, None, PLENTY, &["two.mha", "2 channels", "convert"]);
     fails(&path, Some(&two), PLENTY, &["two.mha", "2 channels"]);
-    fails(&path, None, 95, &["v.mha", "[4, 3, 2]", "--max-memory"]);
+    fails(&path, None, 95, &["v.mha", "[4, 3, 2]", "raise the memory limit"]);
     assert!(DenseVolume::open(&path, None, 96).is_ok());
-    fails(&path, Some(&path), 191, &["--max-memory"]);
+    fails(&path, Some(&path), 191, &["raise the memory limit"]);
     let flat = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
     let flat = files.put("flat.mha", &VolumeHeader { axes: flat, ..plain.clone() }, &[1; 24]);
     fails(&flat, None, PLENTY, &["flat.mha", "TransformMatrix", "one plane"]);

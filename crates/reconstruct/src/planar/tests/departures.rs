@@ -76,7 +76,7 @@ fn non_rectangular_mask_refused_before_slices() {
     let fan = Mask::fan(SIZE[0], SIZE[1], &Fan::new([20.0, -10.0], [12.0, 44.0], [-25.0, 25.0]).unwrap());
     let error = PlanarReconstructor::new(settings(), refusing(), fan).err().unwrap();
     assert!(matches!(error, SettingsError::Planar(Departure::Mask { .. })), "{error}");
-    assert!(error.to_string().contains("no rectangle") && error.to_string().contains("--path general"), "{error}");
+    assert!(error.to_string().contains("no rectangle") && error.to_string().contains("the general path"), "{error}");
     // Columns covered in part along u: a rectangle with a corner cut off.
     let cut = Mask::from_fn(SIZE[0], SIZE[1], |u, v| u + v > 2);
     assert!(PlanarReconstructor::new(settings(), refusing(), cut).is_err());

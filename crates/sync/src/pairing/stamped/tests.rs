@@ -203,8 +203,8 @@ fn frames_refused_until_chain_known() {
     let error = pairing.finish().unwrap_err();
     assert_eq!(
         error.to_string(),
-        "no way from Image to Tracker: the sequence holds ProbeToTracker, the configuration holds no transform; give --config FILE \
-         with ImageToProbe, or --image-to-probe"
+        "no way from Image to Tracker: the sequence holds ProbeToTracker, the configuration holds no transform; give a \
+         configuration with ImageToProbe"
     );
     pairing.transform(named(1, "ProbeToTracker", IDENTITY));
     pairing.transform(named(1, "ImageToProbe", rows(calibration())));
