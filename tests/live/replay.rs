@@ -142,24 +142,6 @@ fn replay_repeats_decisions_for_any_threads_and_speed() {
 }
 
 #[test]
-fn picture_of_one_slice_tests_pixels_of_its_slab_only() {
-    let begin_ns = begin();
-    let disk = Memory::default();
-    let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60));
-    set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
-    let [single, pairs] = [1, 2].map(|every| {
-        let album = Album::of_every(every) as Arc<dyn ViewClient>;
-        let (replayed, _) =
-            again(&disk, WAIT, Pace::Unpaced, false, |session, _| session.view_client = Some(Arc::clone(&album)));
-        replayed.drawn.unwrap()
-    });
-    // The slab of two slices is unknown, so that each changed box is tested by itself.
-    assert!(single.by_slab > 20 && pairs.by_slab <= 1, "{} and {}", single.by_slab, pairs.by_slab);
-    let [single, pairs] = [single, pairs].map(|drawn| drawn.renderer.work());
-    assert!(single.pixels_changed > 500 && single.pixels_met < pairs.pixels_met, "{single:?} {pairs:?}");
-}
-
-#[test]
 fn replay_picture_after_a_slice_equals_the_live_one() {
     let begin_ns = begin();
     let live = Album::of_every(0);

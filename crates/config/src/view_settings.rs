@@ -9,7 +9,7 @@ use render::camera::{Camera, View};
 use render::classify::light::Light;
 use render::classify::transfer::Transfer;
 use render::settings::STOP;
-use render::{self, RenderRegion, RenderSettings, Shading};
+use render::{self, RenderError, RenderRegion, RenderSettings, Shading};
 use sonoweave_core::frames::{Transform, Volume, World};
 
 use super::Error;
@@ -149,7 +149,12 @@ impl ViewSettings {
         let stage = RenderRegion::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3]);
         let camera =
             stage.and_then(|stage| Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage));
-        camera.map(|_| ()).map_err(|e| Error::setting("", e.to_string()))
+        let setting = |error: &RenderError| match error {
+            RenderError::Step { .. } => "step",
+            RenderError::Size { .. } => "image_size",
+            _ => "",
+        };
+        camera.map(|_| ()).map_err(|error| Error::setting(setting(&error), error.to_string()))
     }
 
     /// Refuses settings without effect in the mode: the user expects an effect.
