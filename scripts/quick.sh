@@ -4,9 +4,9 @@
 #
 #   scripts/quick.sh [COMMIT]
 #
-# Integration tests are linted, not run. Of the documentation only the files that are part of the
-# program count. The figures are checked if they changed themselves: the crates that draw them take
-# as long to build as everything else.
+# Integration tests are linted, not run. Only documents that are part of the program count. The
+# figures are checked if they changed themselves: the crates that draw them take as long to build as
+# everything else.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -58,7 +58,7 @@ check() {
 
 checked=
 if [ -n "$touched" ]; then
-    # What depends on a crate in its tests alone counts, too.
+    # Crates that depend on a crate in their tests alone count, too.
     # shellcheck disable=SC2046 # names are words
     affected=$(tree --edges normal,build,dev $(printf -- '--invert %s ' $touched) | sed -n 's/ v.*//p' | sort -u)
     # shellcheck disable=SC2086

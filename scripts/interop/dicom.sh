@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Tests that other programs accept our DICOM. dciodvfy (dicom3tools) finds no error in a volume and
-# a sweep, pydicom reads the same voxels in the same places, and an Orthanc server on loopback
-# stores both and returns the same bytes.
+# a sweep. pydicom reads the same voxels in the same places. An Orthanc server on loopback stores
+# both and returns the same bytes.
 #
 # `make interop` installs the other programs first. Nothing is left running; the files stay in
 # out/dicom.

@@ -8,7 +8,7 @@ import { LEGS_MM, markLegs } from "./doll.js";
 import { audit, measured, open, settled, shot, SIZES, steers } from "./page.js";
 import { shared } from "./session.js";
 
-// Distance of the middles of the doll's feet, across y = −11 mm; see crates/phantom/src/body/doll.rs.
+// Distance of the middles of the doll's feet, across y = −11 mm: crates/phantom/src/body/doll.rs.
 const FEET_MM = 31.5;
 const FEET_Y = -11;
 

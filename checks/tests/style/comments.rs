@@ -20,12 +20,12 @@ const ABBREVIATIONS: [&str; 18] = [
 ];
 
 /// A line of a comment.
-struct Line<'a> {
-    number: usize,
-    /// `//`, `///`, `//!` or `/*`.
-    marker: &'a str,
+pub(crate) struct Line<'a> {
+    pub(crate) number: usize,
+    /// `//`, `///`, `//!` or `/*`; `#` of scripts, and nothing of Markdown.
+    pub(crate) marker: &'a str,
     /// The text behind the marker.
-    text: &'a str,
+    pub(crate) text: &'a str,
 }
 
 /// Returns all findings in the comments of a file.
@@ -35,26 +35,33 @@ pub(crate) fn check(source: &Source) -> Vec<Finding> {
     let comments: Vec<Line> =
         source.tokens.iter().filter(|t| t.kind == Kind::Comment).flat_map(comment_lines).collect();
     let mut findings = Vec::new();
-    for comment in &comments {
-        let line = lines[comment.number - 1];
-        let columns = line.chars().count();
-        let is_table = line.trim_start().trim_start_matches(['/', '!']).trim_start().starts_with('|');
-        if columns > COLUMNS && !line.contains("http") && !is_table {
-            findings.push(Finding::new(file, comment.number, format!("{columns} columns, of at most {COLUMNS}")));
-        }
-    }
-    let prose = without_fences(comments);
-    for line in &prose {
+    findings.extend(comments.iter().filter_map(|comment| is_narrow(file, comment.number, lines[comment.number - 1])));
+    findings.extend(check_prose(file, &without_fences(comments)));
+    findings.dedup();
+    findings
+}
+
+/// Returns a finding if a line is too wide. Rows of tables and addresses cannot be split.
+pub(crate) fn is_narrow(file: &str, number: usize, line: &str) -> Option<Finding> {
+    let columns = line.chars().count();
+    let is_table = line.trim_start().trim_start_matches(['/', '!']).trim_start().starts_with('|');
+    let is_wide = columns > COLUMNS && !line.contains("http") && !is_table;
+    is_wide.then(|| Finding::new(file, number, format!("{columns} columns, of at most {COLUMNS}")))
+}
+
+/// Returns the findings in the sentences of consecutive lines.
+pub(crate) fn check_prose(file: &str, prose: &[Line]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for line in prose {
         if let Some(word) = inverted(line.text) {
-            findings.push(Finding::new(file, line.number, format!("a line of a comment begins with {word:?}")));
+            findings.push(Finding::new(file, line.number, format!("a line of a text begins with {word:?}")));
         }
     }
-    for paragraph in paragraphs(&prose) {
+    for paragraph in paragraphs(prose) {
         for sentence in sentences(&paragraph) {
             check_sentence(file, sentence, &mut findings);
         }
     }
-    findings.dedup();
     findings
 }
 
@@ -215,7 +222,7 @@ mod tests {
         assert_eq!(sentences("/// Right. What is\n/// wrong.\n"), ["1: a sentence begins with \"What\""]);
         assert_eq!(
             sentences("/// See (Fig. 3, i.e. Of) whose\n/// How long."),
-            ["2: a line of a comment begins with \"How\""]
+            ["2: a line of a text begins with \"How\""]
         );
         assert_eq!(sentences("/* Right.\n * Who. */\n").len(), 2);
         assert_eq!(sentences("/// ```\n///\n/// What = 1;\n/// ```\n/// Whatever's end\n").len(), 2);

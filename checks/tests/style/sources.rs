@@ -12,6 +12,9 @@ const SKIPPED: [&str; 3] = ["target", "out", "node_modules"];
 /// Marks a folder of build results or caches, such as another target folder of cargo.
 const CACHE_MARK: &str = "CACHEDIR.TAG";
 
+/// Endings of the files that are read, beside manifests.
+const ENDINGS: [&str; 5] = ["rs", "js", "sh", "py", "md"];
+
 /// A text file.
 pub(crate) struct Source {
     /// Path from the repository's root, with `/` between folders.
@@ -39,7 +42,7 @@ impl Source {
 pub(crate) struct Sources(BTreeMap<String, Source>);
 
 impl Sources {
-    /// Reads all `.rs`, `.js` and `Cargo.toml` files below a folder.
+    /// Reads all Rust, JavaScript, shell, Python and Markdown files, and manifests, below a folder.
     pub(crate) fn read(root: &Path) -> Self {
         let mut files = BTreeMap::new();
         walk(root, "", &mut files);
@@ -75,6 +78,10 @@ impl Sources {
     }
 }
 
+fn is_read(name: &str) -> bool {
+    name == "Cargo.toml" || name.rsplit_once('.').is_some_and(|(_, end)| ENDINGS.contains(&end))
+}
+
 /// Adds the files of a folder and of those below. Links and hidden files are skipped.
 fn walk(folder: &Path, path: &str, files: &mut BTreeMap<String, String>) {
     let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
@@ -91,7 +98,7 @@ fn walk(folder: &Path, path: &str, files: &mut BTreeMap<String, String>) {
             if !SKIPPED.contains(&name.as_str()) && !at.join(CACHE_MARK).exists() {
                 walk(&at, &path, files);
             }
-        } else if kind.is_file() && (name.ends_with(".rs") || name.ends_with(".js") || name == "Cargo.toml") {
+        } else if kind.is_file() && is_read(&name) {
             let text = fs::read_to_string(&at).unwrap_or_else(|e| panic!("{}: {e}", at.display()));
             files.insert(path, text);
         }

@@ -4,7 +4,7 @@
 //  latencies.slice, .view   ms from a picture's due time until its pixels were handed to the
 //                           screen, the newest last, at most 2000. The screen itself adds up to
 //                           one of its periods. Empty if the picture's clock is unknown.
-//  decodes.slice, .view     ms of work per picture on this page, likewise
+//  decodes.slice, .view     ms of work per picture on this page, likewise.
 //  pictures.slice, .view    { drawn, left_out, sequence, frame, width, height, refining } of the
 //                           received pictures
 //  connected, control       whether the connection is open; whether this page controls the view
