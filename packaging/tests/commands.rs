@@ -1,23 +1,8 @@
 //! Checks that the program understands every `sonoweave …` command in the documentation.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::error::ErrorKind;
-
-/// Documents to check, relative to the repository's root.
-const DOCUMENTS: [&str; 11] = [
-    "README.md",
-    "docs/bedside.md",
-    "docs/ea1.md",
-    "docs/examples/arm-grabber.toml",
-    "docs/examples/arm-probe.toml",
-    "docs/examples/fastrak-grabber.toml",
-    "docs/examples/liberty-usb-grabber.toml",
-    "docs/examples/plus-server.toml",
-    "docs/examples/probe.toml",
-    "docs/examples/virtual.toml",
-    "docs/phantom/nwire.toml",
-];
 
 /// A command that begins with `sonoweave ` in a text.
 #[derive(Debug, PartialEq, Eq)]
@@ -74,13 +59,38 @@ fn refused(told: &QuotedCommand) -> Option<String> {
     (unknown || told.whole && !asked).then(|| error.to_string())
 }
 
+/// Returns the documents to check: `*.md` in the repository's root, and `*.md` and `*.toml` under
+/// `docs`.
+fn documents(root: &Path) -> Vec<PathBuf> {
+    let mut all: Vec<_> =
+        entries(root).into_iter().filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
+    let mut found = entries(&root.join("docs"));
+    while let Some(path) = found.pop() {
+        if path.is_dir() {
+            found.extend(entries(&path));
+        } else if path.extension().is_some_and(|end| end == "md" || end == "toml") {
+            all.push(path);
+        }
+    }
+    all
+}
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let read = || std::fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>();
+    read().unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+}
+
 #[test]
 fn documented_commands_are_understood() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let documents = documents(&root);
+    for name in ["README.md", "docs/bedside.md", "docs/examples/virtual.toml", "docs/phantom/nwire.toml"] {
+        assert!(documents.contains(&root.join(name)), "{name} is not among the documents");
+    }
     let mut found = Vec::new();
-    for name in DOCUMENTS {
-        let text = std::fs::read_to_string(root.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
-        found.extend(commands(&text).into_iter().map(|command| (name, command)));
+    for path in &documents {
+        let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        found.extend(commands(&text).into_iter().map(|command| (path.display(), command)));
     }
     for word in ["devices", "live", "inspect", "replay", "reconstruct", "render", "phantom"] {
         let begin = format!("sonoweave {word}");

@@ -10,7 +10,9 @@ pub enum ConsoleError {
     /// Other machines can reach the address, but keys are missing.
     #[error(
         "status.listen: other machines can reach {address}, and [status] has no {missing}: give {those}, or listen at \
-        127.0.0.1; see \"From other machines\" in the README"
+        127.0.0.1. `certificate` and `key` are PEM files for TLS; `token_file` holds one line of {least} characters or \
+        more",
+        least = crate::token::LEAST
     )]
     Open {
         /// The configured address.
