@@ -1,12 +1,12 @@
-//! The `sonoweave` program: the command line, and the parts of it that open devices and convert
-//! files. The stages themselves are crates of their own, see `ARCHITECTURE.md`.
+//! The `sonoweave` program: the command line, and the application below it. The stages themselves
+//! are crates of their own, see `ARCHITECTURE.md`.
 //!
-//! - [`cli`]: the commands.
-//! - [`devices`]: a session's devices, opened; virtual devices for those that are not there.
-//! - [`convert`]: recordings and volumes from one file to another.
-//! - [`service`]: a session's notifications to systemd.
+//! - [`cli`]: the commands: flags, help, and everything printed.
+//! - [`app`]: the work of the commands: sessions, replays, calibrations, reconstruction, rendering.
+//! - [`Failure`]: the failure of a command, as a sentence for the user.
 
+pub mod app;
 pub mod cli;
-pub mod convert;
-pub mod devices;
-pub mod service;
+mod failure;
+
+pub use failure::Failure;

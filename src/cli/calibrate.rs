@@ -1,16 +1,13 @@
 //! `sonoweave calibrate`: the calibration subcommands, one file each.
 
+mod advice;
 pub mod arm;
 pub mod drawing;
-pub mod guide;
 pub mod landmarks;
 pub mod latency;
-mod outputs;
 pub mod pivot;
-pub mod poses;
+mod print;
 pub mod probe;
-mod recorded;
-mod tip;
 pub mod tracker;
 
 use clap::{Args, Subcommand};

@@ -11,7 +11,9 @@ use export::planes::{PlanesOptions, Shades, Window, planes};
 use volume::DenseVolume;
 use volume::difference::{Apart, Difference};
 
-use super::{Failure, input};
+use super::Failure;
+use crate::app::histogram::round_up;
+use crate::app::input;
 pub use arguments::Arguments;
 use report::Report;
 
@@ -69,7 +71,7 @@ impl Arguments {
             return Err(Failure(format!("--limit {limit}: must be a number that is not negative")));
         }
         let Some(path) = &self.output else { return Ok(()) };
-        super::render::check_png(path)?;
+        input::check_png(path)?;
         input::check_output(path)?;
         [Some(&self.first), Some(&self.second), self.weights.as_ref(), self.other_weights.as_ref()]
             .into_iter()
@@ -107,7 +109,7 @@ fn draw(difference: &Difference, path: &Path) -> Result<(), Failure> {
     let mut sizes: Vec<f32> = difference.values.iter().filter(|d| !d.is_nan()).map(|d| d.abs()).collect();
     let rank = ((sizes.len() - 1) as f64 * SHOWN).round() as usize;
     let (_, most, _) = sizes.select_nth_unstable_by(rank, f32::total_cmp);
-    let end = super::histogram::round_up(f64::from(*most)) as f32;
+    let end = round_up(f64::from(*most)) as f32;
     let options = PlanesOptions {
         window: Window::Range { low: -end, high: end },
         shades: Shades::Diverging,

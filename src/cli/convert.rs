@@ -14,12 +14,13 @@ use sonoweave_core::Device;
 use sonoweave_core::region::ClipRect;
 use sync::ingest::live::Gives;
 
-use super::dicom::flags::is_dicom;
-use super::live::stages::{Kept, roles};
-use super::{Failure, input, values};
-use crate::convert::pictures::Pictures;
-use crate::convert::placing::{self, Delivered, Placing, Rules};
-use crate::convert::{Changes, sequence, write};
+use super::progress::{progress, turning};
+use super::{Failure, values};
+use crate::app::convert::pictures::Pictures;
+use crate::app::convert::placing::{self, Delivered, Placing, Rules};
+use crate::app::convert::{Changes, sequence, write};
+use crate::app::input;
+use crate::app::live::stages::{Kept, roles};
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
@@ -94,7 +95,7 @@ fn station(text: &str) -> Result<(u8, String), String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
-    if is_dicom(output) {
+    if input::is_dicom(output) {
         return Err(Failure(format!(
             "{}: use `sonoweave dicom` to write DICOM, with names of patient and study",
             output.display()
@@ -172,7 +173,7 @@ impl Arguments {
             arrangement.turn_spacing(&mut gathered.header.fields);
         }
         let count = gathered.header.items.len();
-        let bar = input::progress("converting", count as u64);
+        let bar = progress("converting", count as u64);
         let progress = |done| bar.set_position(done);
         let mut device = self.open(is_session, true)?;
         let what = if pictures {
@@ -240,7 +241,7 @@ impl Arguments {
             let settings = SessionSettings { images, ..SessionSettings::new(path) };
             return Ok(drivers::open(&OpenSettings::Session(settings))?);
         }
-        let progress = if images { input::turning() } else { Progress::default() };
+        let progress = if images { turning() } else { Progress::default() };
         let settings = SequenceSettings { images, progress, ..SequenceSettings::new(path) };
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }

@@ -7,10 +7,12 @@ use clap::Args;
 
 use config::bedside::Bedside;
 
-use super::igtl::Sharing;
-use super::live::outputs::{Outputs, say};
-use super::live::session::{SessionArguments, session};
+use super::igtl::SharingFlags;
+use super::live::report;
+use super::progress::say;
 use super::{Failure, values};
+use crate::app::live::options::SessionOptions;
+use crate::app::live::outputs::Outputs;
 
 /// Session configuration, as `live --example virtual` prints it.
 const BEDSIDE: &str = include_str!("../../docs/examples/virtual.toml");
@@ -43,7 +45,7 @@ pub struct Arguments {
     #[arg(long)]
     headless: bool,
     #[command(flatten, next_help_heading = "OpenIGTLink")]
-    sharing: Sharing,
+    sharing: SharingFlags,
 }
 
 /// Runs the command.
@@ -58,23 +60,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = out.join("bedside.toml");
     std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;
-    let session_arguments = SessionArguments {
+    let options = SessionOptions {
         record: Some(out.clone()),
         duration: arguments.duration,
-        headless: arguments.headless,
+        resume: None,
         console: Some(arguments.console),
-        demo: true,
-        sharing: arguments.sharing.clone(),
-        ..SessionArguments::default()
+        keep: None,
+        quiet: false,
+        kind: "demo",
+        sharing: arguments.sharing.sharing(),
     };
     let outputs = Outputs {
         volume: Some(out.join("volume.mha")),
         weights: Some(out.join("weights.mha")),
         picture: Some(out.join("picture.png")),
+        filling: None,
         stats: Some(out.join("statistics.json")),
-        ..Outputs::default()
     };
-    let recorded = session(&bedside, &session_arguments, &outputs)?;
+    let recorded = report::run(&bedside, &options, arguments.headless, &outputs)?;
     if let Some(recorded) = recorded {
         say(&format!("to run the same session again: sonoweave replay {} --picture again.png", recorded.display()));
     }

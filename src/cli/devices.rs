@@ -130,13 +130,6 @@ fn whole(all: &[Found]) -> String {
     text
 }
 
-/// Returns a device's reason with the command that remedies it, if there is one. The drivers do not
-/// know the commands.
-pub(super) fn with_remedy(why: &str) -> String {
-    let remedy = if why.contains(DENIED) { " (`sonoweave devices --udev` prints the rules)" } else { "" };
-    format!("{why}{remedy}")
-}
-
 /// Formats added, removed and changed devices.
 fn changes(before: &[Found], now: &[Found]) -> String {
     let ids = |all: &[Found]| all.iter().map(|found| found.id.clone()).collect::<BTreeSet<_>>();
@@ -151,6 +144,7 @@ fn changes(before: &[Found], now: &[Found]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::failure::with_remedy;
 
     fn listing(id: &str, unavailable: Option<&str>) -> Listing {
         Listing { id: id.into(), description: format!("a thing at {id}"), unavailable: unavailable.map(Into::into) }

@@ -26,8 +26,9 @@ use sync::survey::SurveyError;
 use volume::dense::UNSEEN_FIELD;
 use volume::{DenseVolume, Values};
 
-use super::reconstruct::filling::advised;
-use super::{Failure, input, values};
+use super::{Failure, values};
+use crate::app::input;
+use crate::app::reconstruct::filling::advised;
 use flags::DicomFlags;
 
 /// Header field with the recording's name and hash.
@@ -77,11 +78,12 @@ type FrameRange = std::ops::Range<u64>;
 /// [`Failure`]: nothing was written then.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let identifiers = arguments.identifiers.identifiers()?;
+    let identifiers = arguments.identifiers.identifiers();
+    identifiers.check()?;
     let Arguments { input, output, .. } = arguments;
     input::check_output(output)?;
     input::check_is_not(output, input)?;
-    if !flags::is_dicom(output) {
+    if !input::is_dicom(output) {
         return Err(Failure(format!(
             "{}: is not a name of a DICOM file; give a name that ends in .dcm",
             output.display()

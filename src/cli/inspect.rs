@@ -17,7 +17,8 @@ use serde::Serialize;
 use formats::Limits;
 use formats::image::{Content, content};
 
-use super::{Failure, input};
+use super::Failure;
+use crate::app::input;
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
 use session::SessionReport;

@@ -1,21 +1,10 @@
 //! `sonoweave live`: runs sessions, checks configurations and their devices, and prints keys and
 //! examples.
 
-mod app;
 mod arguments;
-mod check;
-mod device;
-pub(in crate::cli) mod home;
 mod keys;
-pub(in crate::cli) mod outputs;
-mod reload;
-pub(in crate::cli) mod resume;
-mod room;
-pub(in crate::cli) mod session;
-pub(in crate::cli) mod stages;
-pub(in crate::cli) mod status_publisher;
+pub(super) mod report;
 mod terminal;
-pub(in crate::cli) mod viewers;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -25,6 +14,8 @@ use clap::{ArgGroup, Args, ValueEnum};
 use config::bedside::{Bedside, schema};
 
 use super::Failure;
+use crate::app::live::check;
+use arguments::{OutputFlags, SessionArguments};
 
 /// Flags of `live`.
 #[derive(Debug, Args)]
@@ -62,9 +53,9 @@ pub struct Arguments {
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
     #[command(flatten, next_help_heading = "Session")]
-    session_arguments: session::SessionArguments,
+    session_arguments: SessionArguments,
     #[command(flatten, next_help_heading = "What it leaves")]
-    outputs: outputs::Outputs,
+    outputs: OutputFlags,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -124,7 +115,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     if !arguments.check {
         drop(out);
-        return session::session(&bedside, &arguments.session_arguments, &arguments.outputs).map(drop);
+        let SessionArguments { headless, .. } = arguments.session_arguments;
+        let (options, outputs) = (arguments.session_arguments.options(), arguments.outputs.outputs());
+        return report::run(&bedside, &options, headless, &outputs).map(drop);
     }
     let report = check::check(&bedside)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };

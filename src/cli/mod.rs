@@ -6,14 +6,11 @@ pub mod convert;
 pub mod demo;
 pub mod devices;
 pub mod dicom;
-mod failure;
-mod histogram;
 mod igtl;
-pub mod input;
 pub mod inspect;
 pub mod live;
 pub mod phantom;
-mod provenance;
+mod progress;
 pub mod reconstruct;
 pub mod render;
 pub mod replay;
@@ -30,8 +27,10 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
 pub use config::values;
-pub use failure::Failure;
 use pipeline::trace::{self, TraceFile};
+
+use crate::app::input;
+pub use crate::failure::Failure;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]

@@ -16,7 +16,9 @@ mod echoes;
 
 use choices::{ScalarName, direction, frequency, tracker_noise};
 
-use super::{Failure, input, values};
+use super::progress::progress;
+use super::{Failure, values};
+use crate::app::input;
 use phantom::named::{AXIS_DISTANCE_MM, DWELL, MotionOptions, RADIUS_MM, SceneName, SceneOptions, TrajectoryName};
 use phantom::scan::{Depth, convex_fan};
 use phantom::scene::Speckle;
@@ -359,7 +361,7 @@ impl Arguments {
             items: (0..scan.frames()).map(|frame| self.item(scan, frame)).collect(),
         };
         let mut writer = SequenceWriter::create(&self.output, &header)?;
-        let bar = input::progress("painting", u64::from(scan.frames()));
+        let bar = progress("painting", u64::from(scan.frames()));
         for first in (0..scan.frames()).step_by(BATCH as usize) {
             let batch = scan.slices(first..scan.frames().min(first + BATCH));
             for slice in &batch {

@@ -1,12 +1,10 @@
 //! `sonoweave reconstruct`: reconstructs a recorded sweep into a volume.
 
 mod batch;
-pub(super) mod beside;
+mod beside;
 pub(super) mod filling;
 pub(super) mod flags;
-mod one;
-pub(super) mod outputs;
-pub(super) mod sweep;
+pub(super) mod one;
 mod weighing;
 
 use std::path::PathBuf;
@@ -50,7 +48,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { sequences, output, flags } = arguments;
     match sequences.as_slice() {
-        [sequence] => reconstruct(sequence, output, flags, flags.beside.clone()).map(drop),
+        [sequence] => reconstruct(sequence, output, flags, flags.beside.beside()).map(drop),
         _ => batch::run(sequences, output, flags),
     }
 }

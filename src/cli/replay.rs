@@ -1,13 +1,7 @@
 //! `sonoweave replay`: reconstructs a recorded sweep into a volume, while a picture follows it
 //! slice by slice.
 
-mod follow;
-mod following;
-mod planes;
-mod reel;
-mod series;
-mod session;
-mod showing;
+mod report;
 
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
@@ -19,17 +13,23 @@ use drivers::replay::Pace;
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
-use super::igtl::Sharing;
-use super::live::outputs::Outputs;
+use super::igtl::SharingFlags;
+use super::live::report::leave;
+use super::progress::{Lines, steps};
 use super::reconstruct::flags::Flags;
-use super::reconstruct::outputs::Request;
-use super::render::check_png;
+use super::reconstruct::one;
 use super::render::view_flags::{Mode, ViewFlags};
-use super::{Failure, input, values};
-use follow::reconstruct;
-use following::Following;
-use planes::{Planes, Source};
-use series::Series;
+use super::{Failure, values};
+use crate::app::input;
+use crate::app::live::ended::Ended;
+use crate::app::live::outputs::Outputs;
+use crate::app::render::look::Look;
+use crate::app::replay::follow::reconstruct;
+use crate::app::replay::following::Following;
+use crate::app::replay::planes::{Planes, Source};
+use crate::app::replay::series::Series;
+use crate::app::replay::session::{self, ReplayRequest};
+use crate::app::replay::showing;
 
 /// Flags of `replay`.
 #[derive(Debug, Args)]
@@ -77,7 +77,7 @@ pub struct Arguments {
     cache_bytes: u64,
     /// Source of the planes' values, with --mode slice
     #[arg(long, value_enum, default_value_t, value_name = "SOURCE")]
-    from: Source,
+    from: SourceName,
     /// Serve a session to browsers at this address, to look at single frames and to rerun it
     /// with other settings, until Ctrl-C; other machines need certificate, key and token_file
     /// under its configuration's status
@@ -91,7 +91,7 @@ pub struct Arguments {
     #[command(flatten, next_help_heading = "Reconstruction")]
     flags: Flags,
     #[command(flatten, next_help_heading = "OpenIGTLink, of a session")]
-    sharing: Sharing,
+    sharing: SharingFlags,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -107,6 +107,16 @@ enum CacheName {
     OneLevel,
 }
 
+/// Source of the planes' values.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum SourceName {
+    /// The volume
+    #[default]
+    Volume,
+    /// The nearest slice's own image, within a slice's reach across its plane
+    Raw,
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -114,9 +124,10 @@ enum CacheName {
 pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if input::is_session(&arguments.sequence)? {
         let request = arguments.of_session(given)?;
+        let (lines, leave) = (Lines::new(false), |ended: &Ended<'_>| leave(&request.outputs, ended));
         return match arguments.console {
-            Some(address) => showing::run(&request, address, arguments.keep.as_deref()),
-            None => session::run(&request),
+            Some(address) => showing::run(&request, address, arguments.keep.as_deref(), &lines, &leave),
+            None => session::run(&request, &lines, &leave),
         };
     }
     if arguments.console.is_some() {
@@ -136,21 +147,25 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     }
     let (request, mut sweep) = {
         let Arguments { sequence, output, flags, .. } = arguments;
-        Request::new(sequence, output.as_deref(), flags, flags.beside.clone())?
+        flags.request(sequence, output.as_deref(), flags.beside.beside())?
     };
     sweep.input.pace = arguments.speed;
-    let series = arguments.series()?;
+    let (look, series) = arguments.look()?;
     let threads = sweep.session.settings.threads;
     let picture = arguments.picture.as_deref();
     if arguments.look.mode == Mode::Slice {
-        let planes = Planes::new(&arguments.look, arguments.flags.window, threads, series, arguments.from);
-        let (outcome, planes) = reconstruct(sweep, planes)?;
+        let source = match arguments.from {
+            SourceName::Volume => Source::Volume,
+            SourceName::Raw => Source::Raw,
+        };
+        let planes = Planes::new(&look, arguments.flags.window, threads, series, source);
+        let (outcome, planes) = reconstruct(sweep, planes, &steps)?;
         let statistics = planes.lock().finish(picture, &outcome)?;
-        request.finish(outcome, statistics.as_ref())?;
-        statistics.iter().for_each(|statistics| planes::report(statistics, picture));
+        one::report(request.options(), &request.finish(outcome, statistics.as_ref())?);
+        statistics.iter().for_each(|statistics| report::of_planes(statistics, picture));
         return Ok(());
     }
-    let mut following = Following::new(&arguments.look, arguments.flags.window, threads, series);
+    let mut following = Following::new(&look, arguments.flags.window, threads, series);
     following.cache = match arguments.cache {
         CacheName::None => Cache::None,
         CacheName::Linear => Cache::Linear,
@@ -158,17 +173,17 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
         CacheName::OneLevel => Cache::OneLevel,
     };
     following.cache_bytes = arguments.cache_bytes;
-    let (outcome, following) = reconstruct(sweep, following)?;
+    let (outcome, following) = reconstruct(sweep, following, &steps)?;
     let statistics = following.lock().finish(picture)?;
-    request.finish(outcome, statistics.as_ref())?;
-    statistics.iter().for_each(|statistics| following::report(statistics, picture));
+    one::report(request.options(), &request.finish(outcome, statistics.as_ref())?);
+    statistics.iter().for_each(|statistics| report::of_rays(statistics, picture));
     Ok(())
 }
 
 impl Arguments {
     /// Returns the request for a session, which has its own settings; `given` are the flags on
     /// the command line.
-    fn of_session(&self, given: &[String]) -> Result<session::ReplayRequest<'_>, Failure> {
+    fn of_session(&self, given: &[String]) -> Result<ReplayRequest<'_>, Failure> {
         const KNOWN: [&str; 18] = [
             "console",
             "keep",
@@ -196,7 +211,7 @@ impl Arguments {
                 flag.replace('_', "-")
             )));
         }
-        Ok(session::ReplayRequest {
+        Ok(ReplayRequest {
             session: &self.sequence,
             config: self.flags.config.as_deref(),
             pace: self.speed,
@@ -205,17 +220,17 @@ impl Arguments {
             outputs: Outputs {
                 volume: self.output.clone(),
                 weights: self.flags.beside.weights.clone(),
-                filling: self.flags.filling.clone(),
+                filling: self.flags.filling.filling(),
                 picture: self.picture.clone(),
                 stats: self.flags.beside.stats.clone(),
             },
-            sharing: self.sharing.clone(),
+            sharing: self.sharing.sharing(),
         })
     }
 
-    /// Returns the settings of intermediate pictures. Refuses, before the work, a request
-    /// without pictures or with impossible ones.
-    fn series(&self) -> Result<Option<Series>, Failure> {
+    /// Returns the view and the settings of intermediate pictures. Refuses, before the work, a
+    /// request without pictures or with impossible ones.
+    fn look(&self) -> Result<(Look, Option<Series>), Failure> {
         if self.picture.is_none() && self.pictures.is_none() {
             return Err(Failure(
                 "there is nothing to draw: give --picture for the last picture, or --pictures for all pictures; or use \
@@ -224,27 +239,27 @@ impl Arguments {
             ));
         }
         if let Some(path) = &self.picture {
-            check_png(path)?;
+            input::check_png(path)?;
             input::check_output(path)?;
             input::check_is_not(path, &self.sequence)?;
         }
         let series = self.on_the_way()?;
-        self.look.check()?;
+        let look = self.look.look()?;
         if self.look.mode == Mode::Slice {
             let other =
                 [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
             if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
                 return Err(Failure(format!("{flag}: applies to rays, and --mode slice has none; leave it out")));
             }
-            if self.from == Source::Raw && self.look.planar.wants_weights() {
+            if self.from == SourceName::Raw && self.look.planar.wants_weights() {
                 return Err(Failure(
                     "--overlay weight: single slices have no weights; give --from volume, or --overlay coverage".into(),
                 ));
             }
-        } else if self.from == Source::Raw {
+        } else if self.from == SourceName::Raw {
             return Err(Failure("--from raw: applies to planes only; give --mode slice, or leave it out".into()));
         }
-        Ok(series)
+        Ok((look, series))
     }
 
     /// Returns the existing folder of the intermediate pictures.

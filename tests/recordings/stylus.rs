@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use libtest_mimic::Failed;
-use sonoweave::cli::calibrate::guide::Gathering;
-use sonoweave::cli::calibrate::poses::{Recording, Source};
+use sonoweave::app::calibrate::guide::Gathering;
+use sonoweave::app::calibrate::poses::{Recording, Source};
 
 use calibration::error::CalibrationError;
 use calibration::landmarks::{Reading, Registered, Settings, register};

@@ -1,4 +1,5 @@
-//! Checks the text and the structure of the sources: comments, names, lengths, modules, crates.
+//! Checks the text and the structure of the sources: comments, names, lengths, modules,
+//! layers, crates.
 //!
 //! Each test reads the whole repository and lists all its findings, as `file:line: sentence`.
 
@@ -6,6 +7,7 @@ mod comments;
 mod crates;
 mod cycles;
 mod findings;
+mod layers;
 mod lexer;
 mod modules;
 mod names;
@@ -69,6 +71,11 @@ fn modules_have_no_cycles() {
 #[test]
 fn crates_depend_on_crates_above() {
     report(crates::check(&SOURCES));
+}
+
+#[test]
+fn application_is_below_command_line() {
+    report(layers::check(&SOURCES));
 }
 
 #[test]

@@ -1,18 +1,45 @@
 //! `sonoweave calibrate arm`: finds an arm's link lengths and encoder zeros, and checks them
 //! later.
 
-mod arguments;
-mod guide;
 mod report;
-mod session;
-mod touched;
-mod work;
 
-use std::path::{Path, PathBuf};
+use clap::{ArgGroup, Args};
+
+use calibration::arm::reach::Reach;
+use calibration::file::CalibrationFile;
 
 use super::super::Failure;
-pub use arguments::Arguments;
-use work::Work;
+use super::advice::AdviceDisplay;
+use super::print::print;
+use crate::app::calibrate::arm::{Options, TouchedArm};
+use crate::app::calibrate::outputs::{Input, Outputs, originates};
+use report::{CheckReport, FitReport, Results};
+
+/// Flags of `calibrate arm`.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("from_arm").required(true).args(["session", "live"])), after_help = "\
+Record a session with the arm (--live, or `live --record`), and set its tip down for two seconds each time. Every \
+moment at which the joints rest counts as a touch.
+--plate: touch the divots of a plate in any position, in the file's order, for several rounds; bend the arm \
+differently in each round.
+--point: touch one divot from all sides, with the elbow to the left and to the right. One point determines no size, \
+so the longest link keeps its length.
+--distances: touch both ends of a bar; then lay the bar elsewhere, and repeat.
+The zero of the first joint defines the direction of the base's x axis, and is not changed. Give --skip for rests \
+that were no touches.
+
+--check compares an arm in use with its calibration. Touch as above. Only the report is written; the exit code is 0 \
+only if the arm still agrees with its calibration.
+
+Examples: sonoweave calibrate arm --live bedside.toml --plate plate.toml -o arm-probe.toml
+          sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --report arm.json
+          sonoweave calibrate arm --session SESSION.mcap --plate plate.toml --check")]
+pub struct Arguments {
+    #[command(flatten)]
+    options: Options,
+    #[command(flatten)]
+    outputs: Outputs,
+}
 
 /// Runs the command.
 ///
@@ -20,23 +47,38 @@ use work::Work;
 /// [`Failure`] when the recording does not determine the arm, or the arm no longer matches its
 /// fit.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let given = [&arguments.session, &arguments.live].into_iter().flatten();
-    let inputs: Vec<&Path> = given.chain(arguments.places.file()).map(PathBuf::as_path).collect();
-    arguments.outputs.check(&inputs, false)?;
-    let made = arguments
-        .gathering
-        .of(arguments.live.as_ref())?
-        .map(|bedside| guide::gathered(bedside, arguments))
-        .transpose()?;
-    // The command line guarantees that one of the two is present.
-    let session = made.as_ref().or(arguments.session.as_ref()).map_or(Path::new(""), PathBuf::as_path);
-    let work = Work { arguments, session };
-    let recorded = arguments.which.read(session)?;
-    let (arm, fit_rms_mm) = work.start(recorded.arm, recorded.fit_rms_mm)?;
-    let touched = arguments.which.touches(session, &arm, &recorded.readings, arguments.places.read()?)?;
-    if arguments.check {
-        work.hold(&arm, fit_rms_mm, &recorded, &touched)
-    } else {
-        work.find(&arm, &recorded, &touched)
-    }
+    let Arguments { options, outputs } = arguments;
+    outputs.check(&options.inputs(), false)?;
+    let touching = options.touching(&mut AdviceDisplay::default())?;
+    if options.check { hold(&touching, arguments) } else { find(&touching, arguments) }
+}
+
+/// Fits the arm to its touches.
+fn find(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<(), Failure> {
+    let TouchedArm { session, counts, touched, fit_options, .. } = touching;
+    let fitted = touching.fit()?;
+    let reach = Reach::of(&fitted);
+    let results = Results { touched, counts, tip_sd_mm: options.tip_sd_mm };
+    let input = Input::of(session)?;
+    let provenance = format!("{} in {}, {:.3} mm", touched.words(), input.name(), fitted.rms_mm);
+    let text = results.of_fit(&fitted, &reach, fit_options);
+    let report = FitReport::new(input, &results, &fitted, &reach, options.limit);
+    let change = |file: &mut CalibrationFile| {
+        (file.arm, file.arm_fit_rms_mm) = (Some(fitted.arm), Some(fitted.rms_mm));
+        originates(file, "Arm", &provenance);
+    };
+    outputs.write_changed(change, &report)?;
+    print(&(text + &outputs.summary()))
+}
+
+/// Checks the arm against its fit.
+fn hold(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<(), Failure> {
+    let TouchedArm { session, counts, touched, fit_rms_mm, .. } = touching;
+    let checked = touching.check()?;
+    let results = Results { touched, counts, tip_sd_mm: options.tip_sd_mm };
+    let text = results.of_check(&checked, *fit_rms_mm);
+    let report = CheckReport::new(Input::of(session)?, &results, &checked, *fit_rms_mm);
+    outputs.write_changed(|_| {}, &report)?;
+    print(&(text + &outputs.summary()))?;
+    if checked.changed { Err(touching.changed(&checked)) } else { Ok(()) }
 }

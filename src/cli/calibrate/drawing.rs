@@ -9,8 +9,9 @@ use config::phantom::PhantomSettings;
 use export::drawing::drawing;
 use export::whole::write_whole;
 
-use super::super::{Failure, input};
-use super::outputs::print;
+use super::super::Failure;
+use super::print::print;
+use crate::app::input;
 
 /// Flags of `calibrate drawing`.
 #[derive(Debug, Args)]

@@ -4,21 +4,19 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
-use glam::DVec3;
 use serde::Serialize;
 
-use calibration::error::CalibrationError;
-use calibration::landmarks::{Reading, Registered, Rest, Settings, register};
+use calibration::landmarks::{Registered, Rest};
 use calibration::phantom::Landmark;
 use calibration::statistics::Spread;
 use config::phantom::PhantomSettings;
 
 use super::super::{Failure, values};
-use super::guide::Advice;
-use super::guide::poses::gathered;
-use super::outputs::{Input, Outputs, named, place, print, rows};
-use super::poses::{Counts, Poses, Recording, poses};
-use super::tip::tip;
+use super::advice::AdviceDisplay;
+use super::print::print;
+use crate::app::calibrate::landmarks::{Found, Touches, tip};
+use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
+use crate::app::calibrate::poses::{Counts, Recording};
 
 /// Flags of `calibrate landmarks`.
 #[derive(Debug, Args)]
@@ -118,18 +116,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
     let landmarks = settings.geometry.landmarks();
-    let accepted = Settings { tip_error_mm: *tip_error, limit_mm: *limit, ..Settings::default() };
-    let found = |read: &Poses| {
-        let reading = |(time_s, pose): &(f64, _)| Reading { time_s: *time_s, reference_from_stylus: *pose };
-        let readings: Vec<Reading> = read.poses.iter().map(reading).collect();
-        register(&readings, tip_mm, landmarks, &accepted)
-    };
-    let recording =
-        gathered(recording, |tracks| Ok(advice(&found(&poses(recording, tracks, recording.path())?)?, landmarks)))?;
-    let recording = recording.as_ref();
-    let read = recording.read()?;
-    let within = |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
-    let registered = found(&read).map_err(within)?;
+    let touches = Touches { phantom: &settings, tip_mm, tip_error_mm: *tip_error, limit_mm: *limit };
+    let found = touches.find(recording, &mut AdviceDisplay::default())?;
+    let Found { recording, read, registered, predicted } = found;
 
     let input = Input::of(recording.path())?;
     let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
@@ -139,7 +128,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         input.name(),
         registered.error_mm.mean
     );
-    let predicted = predicted(&registered, &settings);
     let text = text(&registered, landmarks, &read.frame, &read.counts, predicted);
     let name = |index: &usize| landmarks[*index].name.as_str();
     let report = Report {
@@ -173,31 +161,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     outputs.write(&transform, &provenance, &report)?;
     print(&(text + &outputs.summary()))
-}
-
-/// Returns the advice on the landmarks to touch next.
-fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
-    let touched = registered.touched.len();
-    let missed: Vec<&str> = registered.missed.iter().map(|missed| landmarks[*missed].name.as_str()).collect();
-    let next = match missed.as_slice() {
-        [] => String::new(),
-        missed => format!("; touch {}, each for two seconds", missed.join(", ")),
-    };
-    let message = format!(
-        "{touched} of {} landmarks are touched, {:.2} mm off (rms){next}",
-        landmarks.len(),
-        registered.error_mm.rms
-    );
-    Advice::at(touched as f64 / landmarks.len() as f64, message)
-}
-
-/// Returns the predicted registration error of the phantom's centre and of its worst point, mm.
-fn predicted(registered: &Registered, phantom: &PhantomSettings) -> [f64; 2] {
-    let wires = phantom.geometry.wires().iter().flat_map(|wire| wire.ends_mm);
-    let points: Vec<DVec3> =
-        wires.chain(phantom.geometry.landmarks().iter().map(|landmark| landmark.position_mm)).collect();
-    let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
-    [registered.sd_at(middle), points.into_iter().map(|point| registered.sd_at(point)).fold(0.0, f64::max)]
 }
 
 fn text(registered: &Registered, landmarks: &[Landmark], frame: &str, counts: &Counts, predicted: [f64; 2]) -> String {

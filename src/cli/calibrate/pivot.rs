@@ -5,19 +5,15 @@ use std::fmt::Write as _;
 use clap::Args;
 use serde::Serialize;
 
-use calibration::error::CalibrationError;
-use calibration::pivot::{Pivot, Settings, calibrate};
+use calibration::pivot::Pivot;
 use calibration::statistics::Spread;
-use sonoweave_core::frames::{Reference, Stylus, Transform};
 
 use super::super::{Failure, values};
-use super::guide::Advice;
-use super::guide::poses::gathered;
-use super::outputs::{Input, Outputs, named, place, print, rows};
-use super::poses::{Counts, Poses, Recording, poses};
-
-/// Shortest recording, s. A slip of the tip shows only in the samples after it.
-const LEAST_S: f64 = 10.0;
+use super::advice::AdviceDisplay;
+use super::print::print;
+use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
+use crate::app::calibrate::pivot::{Found, Swings, sds};
+use crate::app::calibrate::poses::{Counts, Poses, Recording};
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]
@@ -81,13 +77,11 @@ struct Turned {
 /// # Errors
 /// [`Failure`] when the recording does not determine the tip; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { recording, limit, outputs, .. } = arguments;
+    let Arguments { recording, limit, goal, outputs } = arguments;
     outputs.check(&[recording.path()], false)?;
-    let recording = gathered(recording, |tracks| arguments.advice(&poses(recording, tracks, recording.path())?))?;
+    let swings = Swings { limit_mm: *limit, goal_mm: *goal };
+    let Found { recording, read, pivot } = swings.find(recording, &mut AdviceDisplay::default())?;
     let recording = recording.as_ref();
-    let read = recording.read()?;
-    let within = |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
-    let pivot = arguments.tip(&read).map_err(within)?;
 
     let input = Input::of(recording.path())?;
     let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
@@ -121,31 +115,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     outputs.write(&transform, &provenance, &report)?;
     print(&(text + &outputs.summary()))
-}
-
-impl Arguments {
-    fn tip(&self, read: &Poses) -> Result<Pivot, CalibrationError> {
-        let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
-        calibrate(&poses, &Settings { limit_mm: self.limit, ..Settings::default() })
-    }
-
-    /// Returns the next advice from the tip so far.
-    fn advice(&self, read: &Poses) -> Result<Advice, Failure> {
-        let pivot = self.tip(read)?;
-        let worst = sds(&pivot).into_iter().fold(0.0, f64::max);
-        let seconds = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
-        let share = (self.goal / worst).powi(2).min(seconds / LEAST_S);
-        let message = format!(
-            "the tip is known to {worst:.3} mm, the goal is {} mm, after {seconds:.0} s of at least {LEAST_S:.0}; swing on to all sides, with the tip in its place",
-            self.goal
-        );
-        Ok(Advice::at(share, message))
-    }
-}
-
-/// Returns the tip's standard deviations, mm.
-fn sds(pivot: &Pivot) -> [f64; 3] {
-    [0, 1, 2].map(|i| pivot.tip_covariance_mm2[i][i].sqrt())
 }
 
 fn text(recording: &Recording, read: &Poses, pivot: &Pivot, sds: [f64; 3]) -> String {

@@ -10,7 +10,7 @@ use volume::dense::UNSEEN_FIELD;
 use volume::difference::Difference;
 
 use super::arguments::Arguments;
-use crate::cli::histogram::Histogram;
+use crate::app::histogram::Histogram;
 use crate::cli::inspect::text::{Text, point, short, times};
 
 /// The result; its fields are the JSON form.

@@ -1,12 +1,8 @@
 //! Identifiers of the patient, study and series of a DICOM file.
 
-use std::path::Path;
-
 use clap::Args;
 
 use export::dicom::Identifiers;
-
-use crate::cli::Failure;
 
 /// Identifiers for a DICOM file; it contains only the ones that are given.
 #[derive(Debug, Clone, Default, Args)]
@@ -35,21 +31,10 @@ pub(in crate::cli) struct DicomFlags {
 }
 
 impl DicomFlags {
-    /// Returns the checked identifiers.
-    ///
-    /// # Errors
-    /// [`Failure`] for values that the standard does not allow.
-    pub(in crate::cli) fn identifiers(&self) -> Result<Identifiers, Failure> {
+    /// Returns the identifiers, still to be checked.
+    pub(in crate::cli) fn identifiers(&self) -> Identifiers {
         let Self { patient_name, patient_id, study_uid, study_description, series_description, acquired } =
             self.clone();
-        let identifiers =
-            Identifiers { patient_name, patient_id, study_uid, study_description, series_description, acquired };
-        identifiers.check()?;
-        Ok(identifiers)
+        Identifiers { patient_name, patient_id, study_uid, study_description, series_description, acquired }
     }
-}
-
-/// Whether a path's name is that of a DICOM file.
-pub(in crate::cli) fn is_dicom(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
 }

@@ -10,7 +10,7 @@ use sonoweave_core::reading::Status;
 use sync::FramePose;
 
 use super::text::{Text, short};
-use crate::cli::histogram::{Histogram, bars};
+use crate::app::histogram::{Histogram, bars};
 
 /// Longest gap between a sensor's samples that is interpolated, ns.
 const LONGEST_NS: i64 = 100_000_000;

@@ -11,8 +11,9 @@ use sonoweave_core::reading::PixelType;
 use volume::brick_volume::SEEN;
 use volume::difference::{Overlap, Sums};
 
-use super::super::{Failure, input};
+use super::super::Failure;
 use super::text::{Text, bytes, point, short, times};
+use crate::cli::progress::progress;
 
 /// A volume's content.
 #[derive(Debug, Serialize)]
@@ -91,7 +92,7 @@ impl VolumeReport {
         let comparison = against.map(|other| compare(path, other, weights)).transpose()?;
         let coverage = weights.map(|weights| Coverage::read(path, weights)).transpose()?;
         let mut layers = Layers::open(path)?;
-        let bar = input::progress("reading", u64::from(layers.reader.header().size[2]));
+        let bar = progress("reading", u64::from(layers.reader.header().size[2]));
         let mut values = Values::default();
         let (mut sum, mut finite) = (0.0, 0_u64);
         while let Some(layer) = layers.next()? {

@@ -1,45 +1,94 @@
-//! Flags of a session.
+//! Flags of a session, and of its outputs.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::cli::igtl::Sharing;
+use crate::app::live::options::SessionOptions;
+use crate::app::live::outputs::Outputs;
+use crate::cli::igtl::SharingFlags;
+use crate::cli::reconstruct::filling::FillFlags;
 use crate::cli::values;
 
 /// Flags of a session.
-#[derive(Debug, Clone, Default, Args)]
-pub(in crate::cli) struct SessionArguments {
+#[derive(Debug, Args)]
+pub(super) struct SessionArguments {
     /// Record the session in this folder; it is created if missing [default: the
     /// configuration's, or not recorded]
     #[arg(long, value_name = "DIR")]
-    pub(in crate::cli) record: Option<PathBuf>,
+    pub(super) record: Option<PathBuf>,
     /// End the session after so many seconds [default: run until Ctrl-C or SIGTERM]
     #[arg(long, value_name = "S")]
-    pub(in crate::cli) duration: Option<f64>,
+    pub(super) duration: Option<f64>,
     /// Resume a recorded session, for example after a crash: its slices are inserted into the
     /// volume first. The configuration must be the one that it was recorded with
     #[arg(long, value_name = "SESSION")]
-    pub(in crate::cli) resume: Option<PathBuf>,
+    pub(super) resume: Option<PathBuf>,
     /// Serve the browser console at this address: the page with image and volume, and the
     /// status. Other machines need certificate, key and token_file under status [default: the
     /// configuration's status.listen, or not served]
     #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
-    pub(in crate::cli) console: Option<SocketAddr>,
+    pub(super) console: Option<SocketAddr>,
     /// Folder for the files that pages record, save and keep; it is created if missing [default:
     /// the recording's folder, or none]
     #[arg(long, value_name = "DIR")]
-    pub(in crate::cli) keep: Option<PathBuf>,
+    pub(super) keep: Option<PathBuf>,
     /// Print no progress
     #[arg(long)]
-    pub(in crate::cli) quiet: bool,
+    pub(super) quiet: bool,
     /// Print progress lines instead of the volume in the terminal
     #[arg(long)]
-    pub(in crate::cli) headless: bool,
-    /// Set for the virtual bedside that comes with the program
-    #[arg(skip)]
-    pub(in crate::cli) demo: bool,
+    pub(super) headless: bool,
     #[command(flatten)]
-    pub(in crate::cli) sharing: Sharing,
+    pub(super) sharing: SharingFlags,
+}
+
+impl SessionArguments {
+    /// Returns the session's settings.
+    pub(super) fn options(&self) -> SessionOptions {
+        SessionOptions {
+            record: self.record.clone(),
+            duration: self.duration,
+            resume: self.resume.clone(),
+            console: self.console,
+            keep: self.keep.clone(),
+            quiet: self.quiet,
+            kind: "live",
+            sharing: self.sharing.sharing(),
+        }
+    }
+}
+
+/// Output flags of a session.
+#[derive(Debug, Args)]
+pub(super) struct OutputFlags {
+    /// Write the volume at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
+    #[arg(long, value_name = "VOL.mha")]
+    volume: Option<PathBuf>,
+    /// Write its weights (same formats as the volume)
+    #[arg(long, value_name = "W.mha")]
+    weights: Option<PathBuf>,
+    #[command(flatten)]
+    filling: FillFlags,
+    /// Write the picture at the end
+    #[arg(long, value_name = "IMG.png")]
+    picture: Option<PathBuf>,
+    /// Write the frame outcomes, device states and timings, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+}
+
+impl OutputFlags {
+    /// Returns the requested outputs.
+    pub(super) fn outputs(&self) -> Outputs {
+        let Self { volume, weights, filling, picture, stats } = self;
+        Outputs {
+            volume: volume.clone(),
+            weights: weights.clone(),
+            filling: filling.filling(),
+            picture: picture.clone(),
+            stats: stats.clone(),
+        }
+    }
 }

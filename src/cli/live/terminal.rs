@@ -10,8 +10,10 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use terminal::Term;
 
 use config::bedside::Picture;
-use pipeline::session::{Drawn, First, ViewClient};
-use render::RenderSettings;
+use pipeline::session::Drawn;
+
+use crate::app::live::viewers::Display;
+use crate::app::reporter::Reporter;
 
 /// Time between two pictures in the terminal.
 const SHOWN_EVERY: Duration = Duration::from_millis(200);
@@ -21,7 +23,7 @@ const MOST_COLUMNS: usize = 72;
 const WORDS: usize = 3;
 
 /// A picture of the growing volume in the terminal, with a line below.
-pub(in crate::cli) struct Terminal {
+pub(super) struct Terminal {
     picture: Mutex<Picture>,
     bar: ProgressBar,
     shown: Mutex<PrintedPicture>,
@@ -46,29 +48,6 @@ impl Terminal {
         Some(Arc::new(Self { picture: Mutex::new(picture.clone()), bar, shown: Mutex::default() }))
     }
 
-    /// Changes the view settings.
-    pub(super) fn set_picture(&self, picture: &Picture) {
-        picture.clone_into(&mut self.picture());
-    }
-
-    /// Sets the line below the next picture. Updates it now if there was no picture for a while.
-    pub(super) fn say(&self, line: &str) {
-        let mut shown = self.shown();
-        if shown.line == line {
-            return;
-        }
-        line.clone_into(&mut shown.line);
-        if shown.said.is_none_or(|at| at.elapsed() >= SHOWN_EVERY) {
-            shown.said = Some(Instant::now());
-            self.bar.set_message(format!("{}{}", shown.art, shown.line));
-        }
-    }
-
-    /// Prints a permanent line above the picture.
-    pub(super) fn print(&self, line: &str) {
-        self.bar.println(line);
-    }
-
     /// Keeps the last picture; later output goes below it.
     pub(super) fn leave(&self) {
         self.bar.abandon();
@@ -85,13 +64,29 @@ impl Terminal {
     }
 }
 
-impl ViewClient for Terminal {
-    fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        ViewClient::settings(&*self.picture(), first)
+impl Reporter for Terminal {
+    fn say(&self, sentence: &str) {
+        self.bar.println(format!("sonoweave: {sentence}"));
     }
 
-    fn most_hz(&self) -> f64 {
-        self.picture().most_hz
+    /// Sets the line below the next picture. Updates it now if there was no picture for a while.
+    fn status(&self, line: &dyn Fn() -> String) {
+        let line = line();
+        let mut shown = self.shown();
+        if shown.line == line {
+            return;
+        }
+        shown.line = line;
+        if shown.said.is_none_or(|at| at.elapsed() >= SHOWN_EVERY) {
+            shown.said = Some(Instant::now());
+            self.bar.set_message(format!("{}{}", shown.art, shown.line));
+        }
+    }
+}
+
+impl Display for Terminal {
+    fn set_picture(&self, picture: &Picture) {
+        picture.clone_into(&mut self.picture());
     }
 
     fn shown(&self, drawn: &Drawn) {

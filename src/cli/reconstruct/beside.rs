@@ -1,62 +1,29 @@
 //! Flags for the files written beside a volume.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::cli::Failure;
+use crate::app::reconstruct::beside::Beside;
 
 /// Files beside a volume; for several recordings, the folders for each one's.
-#[derive(Debug, Clone, Default, Args)]
-pub(in crate::cli) struct Beside {
+#[derive(Debug, Clone, Args)]
+pub(in crate::cli) struct BesideFlags {
     /// Write the weights too: 0 for unseen voxels, −1 for filled ones
     #[arg(long, value_name = "FILE.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
     /// Draw the three middle planes; filled voxels are tinted
     #[arg(long, value_name = "FILE.png")]
-    pub(in crate::cli) planes: Option<PathBuf>,
+    planes: Option<PathBuf>,
     /// Write the statistics, as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(in crate::cli) stats: Option<PathBuf>,
 }
 
-/// Suffixes of a recording's files in such folders.
-const ENDS: [&str; 3] = ["weights.mha", "planes.png", "stats.json"];
-
-impl Beside {
-    /// Returns each given path.
-    pub(super) fn all(&self) -> impl Iterator<Item = &Path> {
-        [&self.weights, &self.planes, &self.stats].into_iter().flatten().map(PathBuf::as_path)
-    }
-
-    /// Checks, for several recordings, that the given paths are folders, in which each recording
-    /// has a file.
-    ///
-    /// # Errors
-    /// [`Failure`] with the first that is no folder.
-    pub(super) fn check_folders(&self) -> Result<(), Failure> {
-        let given = [("--weights", &self.weights), ("--planes", &self.planes), ("--stats", &self.stats)];
-        for ((flag, path), end) in given.into_iter().zip(ENDS) {
-            if let Some(path) = path.as_deref().filter(|path| !path.is_dir()) {
-                return Err(Failure(format!(
-                    "{flag} {}: is not a folder, but several recordings need one for their files (NAME.{end}); make \
-                    the folder, or give that of -o",
-                    path.display()
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// Returns the files in these folders for the recording of that name.
-    pub(super) fn of(&self, name: &str) -> Self {
-        let file =
-            |folder: &Option<PathBuf>, end: &str| folder.as_ref().map(|folder| folder.join(format!("{name}.{end}")));
-        let [weights, planes, stats] = ENDS;
-        Self {
-            weights: file(&self.weights, weights),
-            planes: file(&self.planes, planes),
-            stats: file(&self.stats, stats),
-        }
+impl BesideFlags {
+    /// Returns the files.
+    pub(in crate::cli) fn beside(&self) -> Beside {
+        let Self { weights, planes, stats } = self.clone();
+        Beside { weights, planes, stats }
     }
 }

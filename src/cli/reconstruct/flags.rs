@@ -1,26 +1,30 @@
 //! Flags of all commands that reconstruct.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use config::Settings as Config;
 use drivers::replay::SequenceSettings;
-use export::volume::{DenseBox, Encoding, Scalar};
+use export::volume::Scalar;
 use mask::{Clip, parse_fan};
 use pipeline::session::Session;
-use pipeline::{Outcome, PixelKind};
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::{OnDeparture, PlanarSettings};
 use reconstruct::{Settings, Simd};
 
-use super::beside::Beside;
+use super::beside::BesideFlags;
 use super::filling::FillFlags;
-use super::sweep::Sweep;
 use super::weighing::Weighing;
-use crate::cli::dicom::flags::{DicomFlags, is_dicom};
-use crate::cli::{Failure, input, values};
+use crate::app::input;
+use crate::app::reconstruct::beside::Beside;
+use crate::app::reconstruct::outputs::{OutputOptions, Request};
+use crate::app::reconstruct::sweep::Sweep;
+use crate::cli::dicom::flags::DicomFlags;
+use crate::cli::progress::turning;
+use crate::cli::{Failure, values};
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
 pub(in crate::cli) const SPACING_MM: f64 = 0.5;
@@ -83,7 +87,7 @@ pub(in crate::cli) struct Flags {
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(in crate::cli) unseen: f32,
     #[command(flatten)]
-    pub(in crate::cli) beside: Beside,
+    pub(in crate::cli) beside: BesideFlags,
     /// Frames to use: from A up to, but not including, B
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     pub(in crate::cli) frames: Option<FrameRange>,
@@ -154,11 +158,45 @@ enum ScalarName {
 }
 
 impl Flags {
+    /// Returns the request for a volume and the other outputs, and the sweep. Checks the outputs
+    /// before the work.
+    ///
+    /// # Errors
+    /// [`Failure`] when flags contradict each other or files are out of reach.
+    pub(in crate::cli) fn request<'a>(
+        &self,
+        sequence: &'a Path,
+        volume: Option<&Path>,
+        beside: Beside,
+    ) -> Result<(Request<'a>, Sweep), Failure> {
+        let began = Instant::now();
+        let sweep = self.sweep(sequence)?;
+        let options = OutputOptions {
+            volume: volume.map(Path::to_owned),
+            beside,
+            filling: self.filling.filling(),
+            scalar: self.scalar.map(|scalar| match scalar {
+                ScalarName::U8 => Scalar::U8,
+                ScalarName::U16 => Scalar::U16,
+                ScalarName::F32 => Scalar::F32,
+            }),
+            window: self.window,
+            unseen: self.unseen,
+            has_origin: self.origin.is_some(),
+            size: self.size,
+            identifiers: self.dicom.identifiers(),
+            config: self.config.clone(),
+            has_calibration: self.image_to_probe.is_some(),
+            note: self.weighing.note(),
+        };
+        Ok((Request::new(sequence, &sweep, options, began)?, sweep))
+    }
+
     /// Returns the sequence with the settings of its reconstruction.
     ///
     /// # Errors
     /// [`Failure`] when files cannot be read or flags contradict each other.
-    pub(in crate::cli) fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
+    fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
         let mut config = match &self.config {
             Some(path) => Config::read(path, self.preset.as_deref())?,
             None => Config::default(),
@@ -206,97 +244,8 @@ impl Flags {
             },
             ..Session::new(config.pairing_options(self.world.as_deref()), mask, settings)
         };
-        let input = SequenceSettings { progress: input::turning(), ..SequenceSettings::new(sequence) };
+        let input = SequenceSettings { progress: turning(), ..SequenceSettings::new(sequence) };
         let frames = self.frames.clone().unwrap_or(0..u64::MAX);
         Ok(Sweep { input, frames, off_plane, session, config })
-    }
-
-    /// Checks that the folders of all outputs exist, and that no output is the input.
-    ///
-    /// # Errors
-    /// [`Failure`] with the first violation.
-    pub(in crate::cli) fn check_outputs(
-        &self,
-        sequence: &Path,
-        volume: Option<&Path>,
-        beside: &Beside,
-    ) -> Result<(), Failure> {
-        let volumes = [volume, beside.weights.as_deref()];
-        let others = [beside.planes.as_deref(), beside.stats.as_deref()];
-        for path in volumes.into_iter().chain(others).flatten() {
-            input::check_folder(path)?;
-            input::check_is_not(path, sequence)?;
-        }
-        if !volume.is_some_and(is_dicom) && !self.dicom.identifiers()?.is_empty() {
-            return Err(Failure(
-                "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
-            ));
-        }
-        for path in volumes.into_iter().flatten() {
-            if volume == Some(path) && is_dicom(path) {
-                continue;
-            }
-            input::check_volume(path)?;
-        }
-        Ok(())
-    }
-
-    /// Returns the encoding of the written values.
-    ///
-    /// # Errors
-    /// [`Failure`] when the scalar type cannot hold them.
-    pub(in crate::cli) fn encoding(&self, pixels: PixelKind) -> Result<Encoding, Failure> {
-        let input = match pixels {
-            PixelKind::U8 => ScalarName::U8,
-            PixelKind::U16 => ScalarName::U16,
-            PixelKind::F32 => ScalarName::F32,
-        };
-        let scalar = self.scalar.unwrap_or(input);
-        let bits = |s: ScalarName| s as u8;
-        if bits(scalar) < bits(input) && self.window.is_none() {
-            return Err(Failure(
-                format!(
-                    "--type {0:?}: the input is {input:?}; give --window LO,HI for the grey values of black and white",
-                    scalar
-                )
-                .to_lowercase()
-                .replace("lo,hi", "LO,HI"),
-            ));
-        }
-        let scalar = match scalar {
-            ScalarName::U8 => Scalar::U8,
-            ScalarName::U16 => Scalar::U16,
-            ScalarName::F32 => Scalar::F32,
-        };
-        let representable = match scalar {
-            Scalar::U8 => (0.0..=255.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
-            Scalar::U16 => (0.0..=65535.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
-            Scalar::F32 => true,
-        };
-        if !representable {
-            return Err(Failure(format!("--unseen {}: is not a value of type {}", self.unseen, scalar.name())));
-        }
-        Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
-    }
-
-    /// Returns the box of voxels to write.
-    ///
-    /// # Errors
-    /// [`Failure`] when no voxel was seen.
-    pub(in crate::cli) fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
-        let reconstructor = &outcome.reconstructor;
-        let settings = reconstructor.settings();
-        let Some((low, high)) = reconstructor.volume().seen_bounds() else {
-            return Err(Failure(
-                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing".into(),
-            ));
-        };
-        let world = reconstructor.world_from_lattice();
-        Ok(match (self.origin, self.size) {
-            // The lattice begins at the given origin.
-            (Some(_), Some(size)) => DenseBox::new([0; 3], size, world, settings),
-            (None, Some(size)) => DenseBox::new(low, size, world, settings),
-            (_, None) => DenseBox::around([low, high], world, settings),
-        })
     }
 }

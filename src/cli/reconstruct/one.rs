@@ -1,13 +1,15 @@
-//! Reconstructs one recording.
+//! Reconstructs one recording, and reports the result.
 
 use std::path::Path;
 
+use reconstruct::Path as Way;
 use statistics::Statistics;
 
-use super::beside::Beside;
 use super::flags::Flags;
-use super::outputs::Request;
+use crate::app::reconstruct::beside::Beside;
+use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed};
 use crate::cli::Failure;
+use crate::cli::progress::steps;
 
 /// Reconstructs a recorded sweep into a volume and its other outputs. Returns the statistics.
 pub(super) fn reconstruct(
@@ -16,6 +18,60 @@ pub(super) fn reconstruct(
     flags: &Flags,
     beside: Beside,
 ) -> Result<Statistics, Failure> {
-    let (request, sweep) = Request::new(sequence, Some(output), flags, beside)?;
-    request.finish(sweep.reconstruct("reconstructing")?, None::<&()>)
+    let (request, sweep) = flags.request(sequence, Some(output), beside)?;
+    let done = request.finish(sweep.reconstruct("reconstructing", &steps)?, None::<&()>)?;
+    report(request.options(), &done);
+    Ok(done.statistics)
+}
+
+/// Prints a short report to stdout, and notes for the user to stderr.
+#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
+    let Reconstructed { outcome, statistics, filled } = done;
+
+    for note in &outcome.notes {
+        eprintln!("sonoweave: note: {note}");
+    }
+    if outcome.ledger.refused_total() > 0 || outcome.ledger.untimed > 0 {
+        eprintln!("sonoweave: {}", outcome.ledger);
+    }
+    let grid = &statistics.grid;
+    let [nx, ny, nz] = grid.size;
+    let name = options.volume.as_ref().map_or_else(|| "the volume".into(), |path| path.display().to_string());
+    println!(
+        "{name}: {nx}×{ny}×{nz} voxels of {} mm in {}, from {} of {} frames",
+        grid.spacing.map(|s| s.to_string()).join("×"),
+        outcome.world,
+        outcome.ledger.frames.used,
+        outcome.ledger.frames.total,
+    );
+    if let Some(ms) = &statistics.insert_ms {
+        println!(
+            "{:.2} ms a slice (median; p99 {:.2}) by the {} path, {} voxels updated, {:.0} MB of {}, {} thread{}, {}",
+            ms.median,
+            ms.p99,
+            statistics.path,
+            statistics.voxels_updated,
+            statistics.bytes as f64 / 1e6,
+            match outcome.reconstructor.path() {
+                Way::General => "bricks",
+                Way::Planar => "columns",
+            },
+            statistics.threads,
+            if statistics.threads == 1 { "" } else { "s" },
+            statistics.simd,
+        );
+    }
+    let [su, sv, sn] = statistics.sigma_mm;
+    let [eu, ev, en] = statistics.sigma_effective_mm;
+    println!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
+    if let Some(filled) = filled {
+        println!("{filled}");
+    }
+    if let Some(path) = &options.beside.weights {
+        println!("weights: {}", path.display());
+    }
+    if let Some(path) = &options.beside.planes {
+        println!("middle planes: {}", path.display());
+    }
 }

@@ -1,12 +1,8 @@
-//! Flags of `render`, and the volume that they name.
+//! Flags of `render`.
 
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
-
-use volume::DenseVolume;
 
 use super::view_flags::ViewFlags;
 use crate::cli::values;
@@ -50,31 +46,3 @@ pub struct Arguments {
 // clap takes an array for its own notation of repeated values; a named type is a single value to
 // it.
 type WindowValue = [f32; 2];
-
-/// The first part of `--stats`: the rendered volume.
-#[derive(Debug, Serialize)]
-pub(super) struct Source<'a> {
-    version: &'static str,
-    input: &'a Path,
-    weights: Option<&'a Path>,
-    /// Voxels along x, y, z, and the number of seen ones.
-    size: [u32; 3],
-    voxels_seen: u64,
-}
-
-impl<'a> Source<'a> {
-    pub(super) fn new(arguments: &'a Arguments, volume: &DenseVolume) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            input: &arguments.volume,
-            weights: arguments.weights.as_deref(),
-            size: volume.header().size,
-            voxels_seen: volume.seen(),
-        }
-    }
-}
-
-/// Returns the time since an instant, ms.
-pub(super) fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
-}

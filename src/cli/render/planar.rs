@@ -4,13 +4,14 @@ mod check;
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use serde::Serialize;
 
-use crate::cli::{Failure, values};
-pub(in crate::cli) use config::view_settings::Draw;
-use export::sections::{Sheet, Wash};
-use render::section::{Box3, Plane, Sampled};
+use config::view_settings::Draw;
+use export::sections::Wash;
+use render::section::Plane;
 use sonoweave_core::keys::numbers;
+
+use crate::app::render::planar::{Planes, drawn};
+use crate::cli::{Failure, values};
 
 /// Planes through a volume.
 #[derive(Debug, Clone, Args)]
@@ -62,55 +63,15 @@ enum Overlay {
     Coverage,
 }
 
-/// Numbers of drawn planes, for statistics.
-#[derive(Debug, Clone, Serialize)]
-pub(in crate::cli) struct SheetNumbers {
-    /// Pixels to the right and down.
-    image_size: [u32; 2],
-    /// Edge of a plane's pixel, mm.
-    mm_per_px: f64,
-    overlay: Option<&'static str>,
-    /// The annotations around the planes.
-    drawn: &'static [&'static str],
-    planes: Vec<PlaneNumbers>,
-}
-
-#[derive(Debug, Clone, Serialize)]
-struct PlaneNumbers {
-    title: String,
-    /// The plane's first pixel in the picture, and its pixels.
-    corner_px: [u32; 2],
-    size_px: [u32; 2],
-    /// Centre of its first pixel, and from one pixel to the next to the right and down; world
-    /// mm.
-    first_mm: [f64; 3],
-    right_mm: [f64; 3],
-    down_mm: [f64; 3],
-    /// Pixels that show a grey value.
-    pixels_seen: u64,
-}
-
-impl std::fmt::Display for SheetNumbers {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [width, height] = self.image_size;
-        let titles: Vec<&str> = self.planes.iter().map(|plane| plane.title.as_str()).collect();
-        write!(f, "{width}×{height} pixels, {}, {:.3} mm a pixel", titles.join("; "), self.mm_per_px)
-    }
-}
-
 impl PlanarFlags {
     /// Whether an overlay needs the volume's weights.
     pub(in crate::cli) fn wants_weights(&self) -> bool {
         self.overlay == Some(Overlay::Weight)
     }
 
-    /// Returns the annotations to draw, `usual` by default; sorted, each once.
-    pub(in crate::cli) fn drawn(&self, usual: &[Draw]) -> Vec<Draw> {
-        let mut draw = self.draw.clone().unwrap_or_else(|| usual.to_vec());
-        draw.retain(|what| *what != Draw::None);
-        draw.sort_unstable();
-        draw.dedup();
-        draw
+    /// Returns the annotations that were requested; sorted, each once.
+    pub(super) fn drawn(&self) -> Vec<Draw> {
+        drawn(self.draw.as_deref(), &[])
     }
 
     fn free(&self) -> Result<Option<Plane>, Failure> {
@@ -118,49 +79,16 @@ impl PlanarFlags {
         plane.transpose().map_err(|e| Failure(format!("--plane: {e}")))
     }
 
-    /// Returns the layout of the planes of a volume's box in a picture.
+    /// Returns the planes and annotations.
     ///
     /// # Errors
-    /// [`Failure`] when they miss it, or the picture is too small.
-    pub(in crate::cli) fn sheet(&self, place: &Box3, size: [u32; 2]) -> Result<Sheet, Failure> {
-        let lettered = self.drawn(&[Draw::Scale]).contains(&Draw::Scale);
-        match self.free()? {
-            Some(plane) => Sheet::free(place, &plane, size, lettered).map_err(|e| Failure(format!("--plane: {e}"))),
-            None => Sheet::three(place, self.at, size, lettered).map_err(|e| match self.at {
-                Some(_) => Failure(format!("--at: {e}")),
-                None => e.into(),
-            }),
-        }
-    }
-
-    pub(in crate::cli) fn wash(&self) -> Wash {
-        match self.overlay {
+    /// [`Failure`] for a plane without a direction.
+    pub(super) fn planes(&self) -> Result<Planes, Failure> {
+        let wash = match self.overlay {
             None => Wash::Clear,
             Some(Overlay::Weight) => Wash::Weight,
             Some(Overlay::Coverage) => Wash::Coverage,
-        }
-    }
-
-    /// Returns the numbers of a picture of planes.
-    pub(in crate::cli) fn numbers(&self, sheet: &Sheet, sampled: &[Vec<Sampled>]) -> SheetNumbers {
-        let planes = sheet.panels.iter().zip(sampled).map(|(panel, sampled)| PlaneNumbers {
-            title: panel.title.clone(),
-            corner_px: panel.corner,
-            size_px: panel.section.size,
-            first_mm: panel.section.first.to_array(),
-            right_mm: panel.section.right.to_array(),
-            down_mm: panel.section.down.to_array(),
-            pixels_seen: sampled.iter().filter(|s| s.is_seen()).count() as u64,
-        });
-        SheetNumbers {
-            image_size: sheet.size,
-            mm_per_px: sheet.mm_per_px(),
-            overlay: self.overlay.map(|overlay| match overlay {
-                Overlay::Weight => "weight",
-                Overlay::Coverage => "coverage",
-            }),
-            drawn: if sheet.lettered { &["scale"] } else { &[] },
-            planes: planes.collect(),
-        }
+        };
+        Ok(Planes { at: self.at, plane: self.free()?, wash, draw: self.draw.clone() })
     }
 }

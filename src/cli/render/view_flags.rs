@@ -1,15 +1,13 @@
 //! The flags of all commands that render: view, mode, and quality.
 
 use clap::Args;
-use glam::DVec3;
 
 use super::lighting::Lighting;
 use super::planar::PlanarFlags;
+use crate::app::render::look::Look;
 use crate::cli::{Failure, values};
 pub(in crate::cli) use config::view_settings::Mode;
 use config::view_settings::{Classified, ViewSettings};
-use render::RenderSettings;
-use render::camera::View;
 use render::classify::light::Light;
 
 /// View, mode and quality of a picture.
@@ -86,43 +84,15 @@ impl ViewFlags {
         Usual { step: STEP, background: BACKGROUND }
     }
 
-    /// Returns the view of a volume whose slices lie along these axes, rotated by `turned`
-    /// degrees about the world's z axis.
-    pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
-        self.view_settings(Light::default()).view(slice_axes, turned, turns)
-    }
-
-    /// Refuses flags that suit no volume, before any work.
+    /// Returns the settings. Refuses flags that suit no volume, before any work.
     ///
     /// # Errors
     /// [`Failure`] with the flag and its valid values.
-    pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
+    pub(in crate::cli) fn look(&self) -> Result<Look, Failure> {
         self.planar.check(self)?;
-        self.view_settings(self.lighting.light()?).check().map_err(Failure::flag)
-    }
-
-    /// Returns the render settings for a volume with these slice axes, and grey values from
-    /// black to white over `range`.
-    ///
-    /// # Errors
-    /// [`Failure`] when there is no such transfer function.
-    pub(in crate::cli) fn settings(
-        &self,
-        range: [f32; 2],
-        slice_axes: Option<[DVec3; 2]>,
-        threads: usize,
-    ) -> Result<RenderSettings, Failure> {
-        self.view_settings(self.lighting.light()?).settings(range, slice_axes, threads).map_err(Failure::flag)
-    }
-
-    /// Returns the transparency at which rays end, if they may end early.
-    pub(in crate::cli) fn stops(&self) -> Option<f32> {
-        self.view_settings(Light::default()).stops()
-    }
-
-    /// Returns the transfer function's preset or file.
-    pub(in crate::cli) fn transfer_name(&self) -> String {
-        self.view_settings(Light::default()).transfer_name().to_owned()
+        let view = self.view_settings(self.lighting.light()?);
+        view.check().map_err(Failure::flag)?;
+        Ok(Look { view, background: self.background, planar: self.planar.planes()? })
     }
 
     fn view_settings(&self, light: Light) -> ViewSettings {

@@ -9,9 +9,9 @@ use calibration::arm::fit::{Fitted, Found, Options};
 use calibration::arm::reach::Reach;
 use calibration::arm::{JOINTS, Joint};
 
-use super::super::outputs::Input;
-use super::super::poses::Counts;
-use super::touched::Touched;
+use crate::app::calibrate::arm::Touched;
+use crate::app::calibrate::outputs::Input;
+use crate::app::calibrate::poses::Counts;
 
 /// Returns the decimals of a number: enough that its standard deviation has two significant
 /// digits.

@@ -9,19 +9,13 @@ use calibration::latency::crossings::Agreement;
 use calibration::latency::floor::{FloorLag, Tried};
 use calibration::latency::stamps::Reading;
 
-use super::super::outputs::{Input, Outputs};
-use super::source::Source;
+use crate::app::calibrate::latency::{Found, Searched};
+use crate::app::calibrate::outputs::{Input, Outputs};
 use crate::cli::Failure;
 
 /// Difference between the found lag and a recording's pairing lag at which a note is printed,
 /// standard errors.
 const OTHER: f64 = 3.0;
-
-/// Result of the method used.
-pub(super) enum Found {
-    Line(Box<FloorLag>),
-    Crossings(Box<Agreement>),
-}
 
 /// The report; its fields are the JSON form.
 #[derive(Debug, Serialize)]
@@ -85,7 +79,8 @@ struct Crossings {
 }
 
 impl Report {
-    pub(super) fn new(source: &Source, found: Found, video_ms: f64, mut notes: Vec<String>) -> Result<Self, Failure> {
+    pub(super) fn new(searched: Searched) -> Result<Self, Failure> {
+        let Searched { source, found, video_ms, mut notes } = searched;
         let (method, lag_s, lag_se_s) = match &found {
             Found::Line(found) => ("line", found.alignment.lag_s, found.alignment.se_s),
             Found::Crossings(found) => ("crossings", found.lag_s, found.se_s),

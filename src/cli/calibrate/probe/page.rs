@@ -6,8 +6,8 @@ use export::page::Page;
 use export::page::plate::{Ink, Plate};
 
 use super::page_parts;
-use super::recording::StoredImage;
 use super::report::{PictureReport, Report, YOU};
+use crate::app::calibrate::probe::StoredImage;
 
 impl Report {
     /// Returns the images to show.

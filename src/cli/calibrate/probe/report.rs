@@ -12,9 +12,9 @@ use calibration::probe::errors::Errors;
 use calibration::probe::next::{Candidate, NextView};
 use calibration::probe::{Calibration, Layout};
 
-use super::super::outputs::{Input, rows};
-use super::lag::Lag;
-use super::reproducibility::Reproducibility;
+use crate::app::calibrate::outputs::{Input, rows};
+use crate::app::calibrate::probe::quality::predicted_ends;
+use crate::app::calibrate::probe::{Lag, Reproducibility};
 
 /// Explains the viewing direction that left and right refer to.
 pub(super) const YOU: &str = "seen with the probe's marked side at the right and its face below";
@@ -343,19 +343,6 @@ impl Report {
     pub(super) fn with_next(self, next: Option<&NextView>) -> Self {
         Self { next_view: next.map(Next::from), ..self }
     }
-}
-
-/// Returns the predicted error at the image's centre, and at its worst corner: one standard
-/// deviation, mm.
-pub(super) fn predicted_ends(found: &Calibration) -> [f64; 2] {
-    ends(found.size_px, |px| found.refined.predicted_mm(px))
-}
-
-/// Returns a function's value at the image's centre, and its largest at the corners.
-pub(super) fn ends(size_px: [u32; 2], of: impl Fn(DVec2) -> f64) -> [f64; 2] {
-    let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
-    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(|px| of(DVec2::from_array(px)));
-    [of(DVec2::new(0.5 * u, 0.5 * v)), corners.into_iter().fold(0.0, f64::max)]
 }
 
 /// Formats the result for people.

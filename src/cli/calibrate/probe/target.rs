@@ -1,82 +1,35 @@
 //! A probe's calibration by a point, a stylus or a plane.
 
-mod detector;
-mod flags;
-mod guide;
-mod observe;
 mod page;
 mod report;
 
 use std::path::Path;
-use std::time::Instant;
 
-use calibration::error::{CalibrationError, ProbeError};
-use calibration::file::preset::Quality;
-use calibration::probe::target::{Calibration, Seen, Target, calibrate};
-use calibration::probe::{Observation, Recording};
-
-use super::super::super::Failure;
-use super::super::outputs::{Input, print};
-use super::super::tip::tip;
-use super::arguments::{Arguments, Made, Method};
-use super::lag::Lag;
-use super::recording::{Observed, pictures};
-use super::reproducibility::reproducibility;
-
-pub(super) use flags::Flags;
-use observe::{Names, observe};
-use report::{Inputs, Report, ends, text};
+use super::super::advice::AdviceDisplay;
+use super::super::print::print;
+use crate::app::calibrate::outputs::{Input, Outputs};
+use crate::app::calibrate::probe::target::Found;
+use crate::app::calibrate::probe::target::quality::quality;
+use crate::app::calibrate::probe::{Lag, Made, Options, pictures};
+use crate::cli::Failure;
+use crate::cli::progress::steps;
+use report::{Inputs, Report, text};
 
 /// Runs the command by one of these methods.
 ///
 /// # Errors
 /// [`Failure`] when the recording does not determine the image plane; nothing is written then.
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { method, target: flags, validate, clip, limit, outputs, .. } = arguments;
-    let path = arguments.path();
-    let tip_file = arguments.checked()?;
+pub(super) fn run(options: &Options, outputs: &Outputs) -> Result<(), Failure> {
+    let Options { method, validate, limit, .. } = options;
+    let path = options.path();
+    let tip_file = options.checked()?;
     // The tip's file may be the output file: its other contents are kept.
     let mut inputs: Vec<&Path> = vec![path];
     inputs.extend(validate.as_deref());
     outputs.check(&inputs, true)?;
-    let target = match (method, tip_file) {
-        (Method::Plane, _) => Target::Plane,
-        (_, Some(file)) => Target::Tip { place_mm: tip(file, &flags.stylus, true)?, error_mm: flags.tip_error },
-        _ => Target::Point,
-    };
-    let reference = if tip_file.is_some() { Some(flags.stylus.as_str()) } else { flags.reference.as_deref() };
-    let began = Instant::now();
-    let names = Names { probe: "Probe", reference };
-    let is_plane = target == Target::Plane;
-    let made = arguments
-        .gathering
-        .of(arguments.live.as_ref())?
-        .map(|path| guide::gathered(path, arguments, target, names))
-        .transpose()?;
-    let recorded = arguments.recorded(made.as_deref())?;
+    let done = options.by_target(tip_file, &mut AdviceDisplay::default(), &steps)?;
+    let Found { recorded, found, reference, times_s: [searched_s, solved_s], .. } = &done;
     let path = recorded.path();
-    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let (seen, reference) = observe(&recorded, names, *clip, is_plane)?;
-    let second = arguments.second(&recorded)?.map(|second| observe(&second, names, *clip, is_plane)).transpose()?;
-    let second = second.map(|(second, _)| second);
-    if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-        return Err(within("its frames differ in size from the second recording's".into()));
-    }
-    let searched_s = began.elapsed().as_secs_f64();
-    let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording)).map_err(|e| {
-        let disagree = matches!(e, CalibrationError::Probe(ProbeError::Disagree { .. }));
-        let clip = if disagree { "; --clip limits the search to a part of the image" } else { "" };
-        within(format!("{e}{clip}{}", seen.also()))
-    })?;
-    if let Some(errors) = &found.validation
-        && errors.mean > *limit
-    {
-        return Err(within(format!(
-            "the result is {:.2} mm off on validation frames, more than --limit {limit} mm; keep the target at rest, and metal away from the tracker",
-            errors.mean
-        )));
-    }
-    let solved_s = began.elapsed().as_secs_f64() - searched_s;
     let inputs = Inputs {
         input: Input::of(path)?,
         stylus_tip: tip_file.map(Input::of).transpose()?,
@@ -88,65 +41,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let made = Made {
         probe_from_image,
         size_px: found.size_px,
-        quality: quality(&found),
+        quality: quality(found),
         covariance: found.refined.covariance(),
         inputs: inputs.all().map(Input::listed).collect(),
     };
-    let preset = arguments.preset(made);
-    let text = text(&found, *method, &reference);
-    let without = |observations: &[Observation<Seen>]| {
-        let recording = Recording { observations, ..seen.recording() };
-        Some(calibrate(target, recording, None).ok()?.refined.plane)
-    };
-    let reproducibility = outputs
-        .wants_report()
-        .then(|| reproducibility(seen.recording().observations, found.size_px, &found.refined.plane, without));
-    let report = Report::new(&found, inputs, *method, reference, *limit)
-        .with_times(searched_s, solved_s)
+    let preset = options.preset(made);
+    let text = text(found, *method, reference);
+    let reproducibility = outputs.wants_report().then(|| done.reproducibility());
+    let report = Report::new(found, inputs, *method, reference.clone(), *limit)
+        .with_times(*searched_s, *solved_s)
         .with_reproducibility(reproducibility.flatten());
-    let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
+    let lag = Lag::of(outputs, recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?));
+    let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?));
     outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
     print(&(text + &of_lag + &outputs.summary()))
-}
-
-impl Arguments {
-    /// Checks the flags before the work. Returns the file of the stylus's tip, if the method
-    /// needs it.
-    fn checked(&self) -> Result<Option<&Path>, Failure> {
-        let Self { method, phantom, registration, target: Flags { stylus_tip, reference, .. }, .. } = self;
-        let name = method.name();
-        for (flag, is_given) in [("--phantom", phantom.is_some()), ("--registration", registration.is_some())] {
-            if is_given {
-                return Err(Failure(format!(
-                    "{flag}: has no effect with --method {name}, which finds the target's position itself; leave it out"
-                )));
-            }
-        }
-        match (method, stylus_tip) {
-            (Method::Stylus, None) => Err(Failure(
-                "--method stylus needs the position of the stylus's tip; give its file with --stylus-tip, or find it with `calibrate pivot`".into(),
-            )),
-            (Method::Stylus, Some(_)) if reference.is_some() => Err(Failure(
-                "--reference: has no effect with --method stylus, whose poses are in the frame that --stylus names; leave it out".into(),
-            )),
-            (Method::Stylus, Some(file)) => Ok(Some(file)),
-            (_, Some(_)) => Err(Failure(format!("--stylus-tip: has no effect with --method {name}; leave it out"))),
-            (_, None) => Ok(None),
-        }
-    }
-}
-
-/// Returns the quality numbers that a preset keeps.
-fn quality(found: &Calibration) -> Quality {
-    let [centre_mm, corner_mm] = ends(found);
-    Quality {
-        frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
-        error_mm: [found.errors.mean, found.errors.sd],
-        validation_error_mm: found.validation.as_ref().map(|errors| [errors.mean, errors.sd]),
-        centre_mm,
-        corner_mm,
-    }
 }

@@ -44,7 +44,7 @@ impl PlanarFlags {
         if self.at.is_some() && self.plane.is_some() {
             return refuse("--at, --plane: give --at for three planes, or --plane for a free one".into());
         }
-        if let Some(what) = self.drawn(&[]).into_iter().find(|what| *what != Draw::Scale) {
+        if let Some(what) = self.drawn().into_iter().find(|what| *what != Draw::Scale) {
             return refuse(format!(
                 "--draw {}: cannot be drawn on planes; with --mode slice give scale or none",
                 what.name()

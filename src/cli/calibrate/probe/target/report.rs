@@ -10,10 +10,10 @@ use calibration::probe::errors::Errors;
 use calibration::probe::target::refine::Scatter;
 use calibration::probe::target::{Calibration, Place};
 
-use super::super::super::outputs::{Input, place, rows};
-use super::super::Method;
 use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
-use super::super::reproducibility::Reproducibility;
+use crate::app::calibrate::outputs::{Input, place, rows};
+use crate::app::calibrate::probe::target::quality::ends;
+use crate::app::calibrate::probe::{Method, Reproducibility};
 
 /// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
@@ -249,10 +249,4 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
         writeln!(text, "noise: {}\n{}", Scattered::of(&refined.scatter).words(), Rests::of(found.place()).words(frame));
     let _ = writeln!(text, "next view: {}", next(found));
     text
-}
-
-/// Returns the predicted error at the image's centre, and at its worst corner: one standard
-/// deviation, mm.
-pub(super) fn ends(found: &Calibration) -> [f64; 2] {
-    super::super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }

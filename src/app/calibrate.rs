@@ -1,0 +1,14 @@
+//! Calibrations: recordings, guided while they are made, observations in them, and the
+//! computation of results.
+
+pub(crate) mod arm;
+pub mod guide;
+pub(crate) mod landmarks;
+pub(crate) mod latency;
+pub(crate) mod outputs;
+pub(crate) mod pivot;
+pub mod poses;
+pub(crate) mod probe;
+mod recorded;
+mod tip;
+pub(crate) mod tracker;

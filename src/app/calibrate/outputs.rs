@@ -1,0 +1,243 @@
+//! Outputs of calibrations: the calibration file, changed in one place, and reports.
+
+mod options;
+
+use std::path::{Path, PathBuf};
+
+use glam::DAffine3;
+use serde::Serialize;
+
+use calibration::file::preset::{self, Preset};
+use calibration::file::{CalibrationFile, Latency};
+use export::whole::write_whole;
+use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::named::StaticTransform;
+use statistics::write_json;
+
+use crate::app::input;
+use crate::failure::Failure;
+pub(crate) use options::Outputs;
+
+/// A file that was read.
+#[derive(Debug, Serialize)]
+pub(crate) struct Input {
+    path: PathBuf,
+    sha256: String,
+}
+
+impl Input {
+    pub(crate) fn of(path: &Path) -> Result<Self, Failure> {
+        Ok(Self { path: path.to_owned(), sha256: input::hash(path)? })
+    }
+
+    /// Returns the form that presets list.
+    pub(crate) fn listed(&self) -> preset::Input {
+        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
+        preset::Input { file: name.to_string_lossy().into_owned(), sha256: self.sha256.clone() }
+    }
+
+    /// Returns the form that a calibration file uses as provenance.
+    pub(crate) fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
+        format!("{} (sha256 {})", name.to_string_lossy(), &self.sha256[..16])
+    }
+}
+
+impl Outputs {
+    /// Whether a calibration file is written.
+    pub(crate) fn changes_file(&self) -> bool {
+        self.output.is_some()
+    }
+
+    /// Whether a file is the calibration file that is written.
+    pub(crate) fn is_output(&self, path: &Path) -> bool {
+        self.output.as_deref() == Some(path)
+    }
+
+    /// Checks before the work that the outputs can be written, are no inputs, and are distinct
+    /// files. Not every calibration has a page.
+    pub(crate) fn check(&self, inputs: &[&Path], has_page: bool) -> Result<(), Failure> {
+        for output in self.output.iter().chain(&self.report) {
+            input::check_output(output)?;
+            for path in inputs {
+                input::check_is_not(output, path)?;
+            }
+        }
+        let mut names: Vec<&PathBuf> = self.output.iter().chain(&self.report).collect();
+        names.sort_unstable();
+        if names.windows(2).any(|two| two[0] == two[1]) {
+            return Err(Failure("--output and --report name the same file; give different names".into()));
+        }
+        if let Some(page) = self.report.iter().find(|path| is_page(path) && !has_page) {
+            return Err(Failure(format!(
+                "{}: there is no page for this report; give a name that ends in .json",
+                page.display()
+            )));
+        }
+        self.before()?;
+        Ok(())
+    }
+
+    /// Returns the calibration file before the change; an empty one if there is no file.
+    pub(crate) fn before(&self) -> Result<CalibrationFile, Failure> {
+        let there = self.output.as_ref().filter(|path| path.exists());
+        Ok(there.map(|path| CalibrationFile::read(path)).transpose()?.unwrap_or_default())
+    }
+
+    /// Whether there is a calibration file to be written.
+    pub(crate) fn wants_file(&self) -> bool {
+        self.output.is_some()
+    }
+
+    /// Writes the requested files: the transform with its provenance into the calibration file,
+    /// and the report.
+    pub(crate) fn write(
+        &self,
+        transform: &StaticTransform,
+        provenance: &str,
+        report: &impl Serialize,
+    ) -> Result<(), Failure> {
+        self.write_changed(|file| merge(file, transform, provenance), report)
+    }
+
+    /// Writes a probe's calibration, the latencies if there are any, and the report.
+    pub(crate) fn write_probe(
+        &self,
+        probe_from_image: &Transform<Probe, Image>,
+        provenance: &str,
+        preset: Option<Preset>,
+        latency: Option<Latency>,
+        report: &impl Serialize,
+        page: impl FnOnce() -> Result<String, Failure>,
+    ) -> Result<(), Failure> {
+        let named = StaticTransform::image_to_probe(probe_from_image);
+        let change = |file: &mut CalibrationFile| {
+            if latency.is_some() {
+                file.latency = latency;
+                originates(file, "latency", provenance);
+            }
+            if let Some(preset) = preset {
+                file.presets.retain(|other| other.name != preset.name);
+                file.presets.push(preset);
+                return;
+            }
+            merge(file, &named, provenance);
+            // The transform has its own place in the file.
+            file.transforms.retain(|other| !other.relates_same_frames(&named));
+            file.probe_from_image = Some(*probe_from_image);
+        };
+        self.write_with_page(change, report, page)
+    }
+
+    /// Whether a report was requested besides the text.
+    pub(crate) fn wants_report(&self) -> bool {
+        !self.report.is_empty()
+    }
+
+    /// Writes the requested files: the changed calibration file, and the report, without a page.
+    pub(crate) fn write_changed(
+        &self,
+        change: impl FnOnce(&mut CalibrationFile),
+        report: &impl Serialize,
+    ) -> Result<(), Failure> {
+        self.write_with_page(change, report, || Ok(String::new()))
+    }
+
+    fn write_with_page(
+        &self,
+        change: impl FnOnce(&mut CalibrationFile),
+        report: &impl Serialize,
+        page: impl FnOnce() -> Result<String, Failure>,
+    ) -> Result<(), Failure> {
+        // Everything that can fail comes before the first write.
+        let page = if self.report.iter().any(|path| is_page(path)) { page()? } else { String::new() };
+        if let Some(path) = &self.output {
+            let mut file = self.before()?;
+            change(&mut file);
+            file.write(path)?;
+        }
+        for path in &self.report {
+            let written = if is_page(path) {
+                write_whole(path, |to| to.write_all(page.as_bytes()))
+            } else {
+                write_json(path, report)
+            };
+            written.map_err(|e| Failure(format!("{}: writing failed: {e}", path.display())))?;
+        }
+        Ok(())
+    }
+
+    /// Returns the written files with their kinds.
+    pub(crate) fn written(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let calibration = self.output.iter().map(|path| ("calibration", path.as_path()));
+        calibration.chain(self.report.iter().map(|path| ("report", path.as_path())))
+    }
+
+    /// Returns the lines that list the written files.
+    pub(crate) fn summary(&self) -> String {
+        self.written().map(|(what, path)| format!("{what}: {}\n", path.display())).collect()
+    }
+}
+
+/// Whether a path's extension names a page for a browser.
+fn is_page(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("html") || extension.eq_ignore_ascii_case("htm"))
+}
+
+/// Replaces the transform between the same frames, if there is one, and its provenance.
+fn merge(file: &mut CalibrationFile, transform: &StaticTransform, provenance: &str) {
+    file.transforms.retain(|other| !other.relates_same_frames(transform));
+    file.transforms.push(transform.clone());
+    originates(file, &transform.name(), provenance);
+}
+
+/// Replaces the provenance of one item of the file.
+pub(crate) fn originates(file: &mut CalibrationFile, what: &str, provenance: &str) {
+    let mark = format!("{what}: ");
+    let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(&mark));
+    let parts: Vec<String> = others.map(str::to_owned).chain([mark.clone() + provenance]).collect();
+    file.provenance = parts.join("; ");
+}
+
+/// Returns a rigid transform between frames, with the recording's names.
+pub(crate) fn named<To, From>(from: &str, to: &str, transform: &Transform<To, From>) -> StaticTransform {
+    StaticTransform { from: from.to_owned(), to: to.to_owned(), affine: transform.affine() }
+}
+
+/// Returns 16 numbers, row major.
+pub(crate) fn rows(affine: DAffine3) -> [f64; 16] {
+    Transform::<(), ()>::from_affine(affine).to_rows()
+}
+
+/// Formats the coordinates of a point, mm.
+pub(crate) fn place(point: glam::DVec3) -> String {
+    point.to_array().map(|x| format!("{x:.3}")).join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn result_replaces_predecessor_keeps_rest() {
+        let moved = |x: f64| DAffine3::from_translation(glam::DVec3::new(x, 0.0, 0.0));
+        let tip = |x: f64| StaticTransform { from: "StylusTip".into(), to: "Stylus".into(), affine: moved(x) };
+        let other = StaticTransform { from: "Phantom".into(), to: "Reference".into(), affine: moved(9.0) };
+        let mut file = CalibrationFile {
+            provenance: "N-wire phantom".into(),
+            spacing_mm: Some([0.5; 3]),
+            transforms: vec![tip(1.0), other.clone()],
+            ..CalibrationFile::default()
+        };
+        merge(&mut file, &tip(100.0), "200 poses of a.mha");
+        assert_eq!(file.provenance, "N-wire phantom; StylusTipToStylus: 200 poses of a.mha");
+        merge(&mut file, &tip(110.0), "300 poses of b.mha");
+        assert_eq!(file.provenance, "N-wire phantom; StylusTipToStylus: 300 poses of b.mha");
+        assert_eq!((file.transforms.clone(), file.spacing_mm), (vec![other, tip(110.0)], Some([0.5; 3])));
+        // The same two frames in the opposite direction.
+        let back = StaticTransform { from: "Stylus".into(), to: "StylusTip".into(), affine: moved(-1.0) };
+        merge(&mut file, &back, "c");
+        assert_eq!(file.transforms.len(), 2);
+    }
+}

@@ -1,0 +1,167 @@
+//! Flags for a probe's scan, and for its calibration.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+
+use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
+use calibration::probe::refine::PLANE;
+use config::values;
+use sonoweave_core::date::Date;
+use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::region::ClipRect;
+
+use super::super::guide::{Advisor, Gathering};
+use super::super::recorded::Recorded;
+use super::target::options::TargetOptions;
+use crate::failure::Failure;
+
+/// Method of the probe's calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Method {
+    /// By a phantom of N-wires
+    Nwire,
+    /// By a fixed point, e.g. where two wires cross
+    Point,
+    /// By a fixed plane: the floor of a water tank, or a membrane
+    Plane,
+    /// By the tip of a tracked stylus, held into the image
+    Stylus,
+}
+
+impl Method {
+    /// Returns the name on the command line.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Nwire => "nwire",
+            Self::Point => "point",
+            Self::Plane => "plane",
+            Self::Stylus => "stylus",
+        }
+    }
+
+    /// Returns the name of the target.
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::Nwire => "N-wire phantom",
+            Self::Point => "a point at rest",
+            Self::Plane => "a plane at rest",
+            Self::Stylus => "a stylus's tip",
+        }
+    }
+}
+
+/// The scan of a phantom or a target, and the calibration from it.
+#[derive(Debug, Args)]
+pub(crate) struct Options {
+    /// Phantom with its wires, for --method nwire: our file (TOML) or a PLUS XML
+    #[arg(long, value_name = "FILE")]
+    pub(crate) phantom: Option<PathBuf>,
+    /// Recording: a tracked sequence with images (.mha, .mhd, .nrrd, .nhdr)
+    #[arg(long, value_name = "SEQUENCE")]
+    pub(crate) sequence: Option<PathBuf>,
+    /// Recording: a session that `live --record` wrote (.mcap). Its own latencies are ignored
+    #[arg(long, value_name = "SESSION")]
+    pub(crate) session: Option<PathBuf>,
+    /// Session configuration: record its devices now, show instructions, and end when there is
+    /// enough
+    #[arg(long, value_name = "BEDSIDE.toml")]
+    pub(crate) live: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) gathering: Gathering,
+    /// Goal for --live: end when points are known to this, mm (one standard deviation at the
+    /// worst corner)
+    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
+    pub(crate) goal: f64,
+    /// Validate the result on a second recording, a sequence or a session, which has no part in
+    /// it
+    #[arg(long, value_name = "SEQUENCE|SESSION")]
+    pub(crate) validate: Option<PathBuf>,
+    /// Pose of the phantom: a calibration file (TOML) or a PLUS XML with PhantomToReference
+    /// [default: the phantom's file]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) registration: Option<PathBuf>,
+    /// Method of the probe's calibration
+    #[arg(long, value_enum, default_value_t = Method::Nwire)]
+    pub(crate) method: Method,
+    #[command(flatten)]
+    pub(crate) target: TargetOptions,
+    /// Search only this part of the image: X,Y,W,H in pixels [default: the phantom file's, else
+    /// the session configuration's, else the whole image]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
+    pub(crate) clip: Option<ClipRect>,
+    /// Refuse a result whose error on the second recording (mean, mm; of N-wires by PLUS's
+    /// definition) is larger
+    #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
+    pub(crate) limit: f64,
+    /// Put the result into the calibration file as a preset of that name, for the scanner's
+    /// present depth, beside others [default: as the file's only one]
+    #[arg(long, value_name = "NAME", requires = "output")]
+    pub(crate) preset: Option<String>,
+    /// Length along the ruler beside the image, in pixels and in mm: the preset is refused later
+    /// if the scanner is set to another depth
+    #[arg(long, value_name = "PX,MM", value_parser = ruler, requires = "preset")]
+    pub(crate) ruler: Option<Ruler>,
+}
+
+fn ruler(text: &str) -> Result<Ruler, String> {
+    let numbers = text.split_once(',').and_then(|(px, mm)| Some((px.trim().parse().ok()?, mm.trim().parse().ok()?)));
+    numbers.and_then(|(px, mm)| Ruler::new(px, mm)).ok_or_else(|| "must be two lengths above 0: pixels,mm".into())
+}
+
+/// A calibration, as a preset keeps it.
+pub(crate) struct Made {
+    pub(crate) probe_from_image: Transform<Probe, Image>,
+    pub(crate) size_px: [u32; 2],
+    pub(crate) quality: Quality,
+    pub(crate) covariance: [[f64; PLANE.len()]; PLANE.len()],
+    pub(crate) inputs: Vec<calibration::file::preset::Input>,
+}
+
+impl Options {
+    /// Returns the preset, if one was requested.
+    pub(crate) fn preset(&self, made: Made) -> Option<Preset> {
+        let Made { probe_from_image, size_px, quality, covariance, inputs } = made;
+        self.preset.as_ref().map(|name| Preset {
+            name: name.clone(),
+            probe_from_image,
+            made: Some(Date::today()),
+            picture_px: Some(size_px),
+            ruler: self.ruler,
+            clip: None,
+            fan: None,
+            quality: Some(quality),
+            covariance: Some(Covariance {
+                parameters: PLANE.map(str::to_owned).to_vec(),
+                rows: covariance.iter().map(|row| row.to_vec()).collect(),
+            }),
+            inputs,
+        })
+    }
+
+    /// Returns the recording's file.
+    pub(crate) fn path(&self) -> &Path {
+        // The command line guarantees that one of them is present.
+        let some = [&self.sequence, &self.session, &self.live].into_iter().flatten().next();
+        some.map_or(Path::new(""), PathBuf::as_path)
+    }
+
+    /// Returns the second recording.
+    pub(crate) fn second(&self, first: &Recorded, advisor: &dyn Advisor) -> Result<Option<Recorded>, Failure> {
+        let second = self.validate.as_ref().map(|path| Recorded::of(path)).transpose()?;
+        if second.as_ref().is_some_and(|second| second.bedside().is_some() != first.bedside().is_some()) {
+            advisor.say(
+                "note: one recording is a sequence and the other a session; if their lags differ, the second one's \
+                errors are too large",
+            );
+        }
+        Ok(second)
+    }
+
+    pub(crate) fn recorded(&self, made: Option<&Path>) -> Result<Recorded, Failure> {
+        match made.or(self.session.as_deref()) {
+            Some(path) => Recorded::session(path),
+            None => Ok(Recorded::Sequence(self.path().to_owned())),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Functions shared by commands that read files: hashes, kinds of files, checks of names.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use formats::image::Container;
+
+use crate::failure::Failure;
+
+/// Magic bytes of a session's file.
+const SESSION: &[u8] = b"\x89MCAP";
+
+/// Returns the SHA-256 of a file, as `sha256sum` prints it.
+///
+/// # Errors
+/// [`Failure`] when the file cannot be read.
+pub fn hash(path: &Path) -> Result<String, Failure> {
+    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let mut file = File::open(path).map_err(failed)?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 1 << 20];
+    loop {
+        match file.read(&mut buffer).map_err(failed)? {
+            0 => break,
+            n => hasher.update(&buffer[..n]),
+        }
+    }
+    let mut text = String::with_capacity(64);
+    for byte in hasher.finalize() {
+        // Writing to a string does not fail.
+        let _ = write!(text, "{byte:02x}");
+    }
+    Ok(text)
+}
+
+/// Whether a file is a recorded session: by its first bytes, or by its name if the beginning may
+/// be damaged.
+///
+/// # Errors
+/// [`Failure`] when the file cannot be read.
+pub fn is_session(path: &Path) -> Result<bool, Failure> {
+    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let mut head = Vec::new();
+    File::open(path).map_err(failed)?.take(SESSION.len() as u64).read_to_end(&mut head).map_err(failed)?;
+    Ok(head == SESSION || path.extension().is_some_and(|extension| extension == "mcap"))
+}
+
+/// Checks before the work that a file can be written there.
+///
+/// # Errors
+/// [`Failure`] when its folder does not exist, or something that is no file has its name.
+pub fn check_output(path: &Path) -> Result<(), Failure> {
+    check_folder(path)?;
+    if path.exists() && !path.is_file() {
+        return Err(Failure(format!("{}: exists and is not a file; give another name", path.display())));
+    }
+    Ok(())
+}
+
+/// Checks that a path's name has a known volume format.
+///
+/// # Errors
+/// [`Failure`] for an unknown format.
+pub fn check_volume(path: &Path) -> Result<(), Failure> {
+    let named = Container::of_volume(path).map_err(|why| Failure(format!("{}: {why}", path.display())));
+    named.map(|_| ())
+}
+
+/// Checks that the folder of a file exists.
+///
+/// # Errors
+/// [`Failure`] when it does not.
+pub fn check_folder(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref());
+    if folder.is_dir() {
+        return Ok(());
+    }
+    Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())))
+}
+
+/// Checks that an output is not an input.
+///
+/// # Errors
+/// [`Failure`] when it is.
+pub fn check_is_not(output: &Path, input: &Path) -> Result<(), Failure> {
+    if output.canonicalize().ok().is_some_and(|path| input.canonicalize().ok() == Some(path)) {
+        return Err(Failure(format!("{}: is the input; give another name", output.display())));
+    }
+    Ok(())
+}
+
+/// Returns the requested number of threads, else one per core.
+pub fn threads(asked: Option<u16>) -> usize {
+    match asked {
+        Some(n) => usize::from(n),
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    }
+}
+
+/// Checks that a picture's name is that of a PNG file.
+///
+/// # Errors
+/// [`Failure`] when the name has another extension.
+pub fn check_png(path: &Path) -> Result<(), Failure> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        return Ok(());
+    }
+    Err(Failure(format!("{}: pictures are PNG files; give a name that ends in .png", path.display())))
+}
+
+/// Whether a path's name is that of a DICOM file.
+pub fn is_dicom(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
+}
+
+/// Returns a file's name without its folder.
+pub(crate) fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,16 @@
+//! Live sessions: devices to a volume, with a recording, pictures, pages and other programs.
+
+mod app;
+pub(crate) mod check;
+mod device;
+pub(crate) mod ended;
+pub(crate) mod home;
+pub(crate) mod options;
+pub(crate) mod outputs;
+mod reload;
+pub(crate) mod resume;
+mod room;
+pub(crate) mod session;
+pub(crate) mod stages;
+pub(crate) mod status_publisher;
+pub(crate) mod viewers;

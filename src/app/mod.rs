@@ -1,0 +1,21 @@
+//! The application: sessions, replays, calibrations, reconstruction, rendering and conversion. It
+//! neither parses flags nor prints, and does not know the command line, which calls it.
+//!
+//! - [`calibrate`]: guided recordings, observations and computations of calibrations.
+//! - [`convert`]: recordings and volumes from one file to another.
+//! - [`devices`]: a session's devices, opened; virtual devices for those that are not there.
+//! - [`service`]: a session's notifications to systemd.
+
+pub mod calibrate;
+pub mod convert;
+pub mod devices;
+pub(crate) mod histogram;
+pub(crate) mod igtl;
+pub mod input;
+pub(crate) mod live;
+mod provenance;
+pub(crate) mod reconstruct;
+pub(crate) mod render;
+pub(crate) mod replay;
+pub(crate) mod reporter;
+pub mod service;

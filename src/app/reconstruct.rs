@@ -1,0 +1,7 @@
+//! Recorded sweeps to volumes and their other outputs.
+
+pub(crate) mod batch;
+pub(crate) mod beside;
+pub(crate) mod filling;
+pub(crate) mod outputs;
+pub(crate) mod sweep;

@@ -1,0 +1,48 @@
+//! Outputs of several recordings that are reconstructed by one command.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::beside::Beside;
+use crate::app::input;
+use crate::failure::Failure;
+
+/// Returns the outputs of each recording. Their names are the recording's name up to its first
+/// point; each must be unique.
+///
+/// # Errors
+/// [`Failure`] if the folder or names do not fit.
+pub(crate) fn outputs(
+    sequences: &[PathBuf],
+    folder: &Path,
+    folders: &Beside,
+) -> Result<Vec<(PathBuf, Beside)>, Failure> {
+    if !folder.is_dir() {
+        return Err(Failure(format!(
+            "{}: is not a folder, but several recordings need one; make the folder, and give it with -o",
+            folder.display()
+        )));
+    }
+    folders.check_folders()?;
+    let mut taken = BTreeSet::new();
+    let mut outputs = Vec::new();
+    for sequence in sequences {
+        let name = sequence.file_name().unwrap_or(sequence.as_os_str()).to_string_lossy();
+        let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("volume");
+        let output = folder.join(format!("{stem}.mha"));
+        if !taken.insert(output.clone()) {
+            return Err(Failure(format!(
+                "{}: its volume and another recording's would both be {}; reconstruct them by separate commands",
+                sequence.display(),
+                output.display()
+            )));
+        }
+        // An output must not be any of the recordings.
+        let beside = folders.of(stem);
+        for path in beside.all().chain([&*output]) {
+            sequences.iter().try_for_each(|sequence| input::check_is_not(path, sequence))?;
+        }
+        outputs.push((output, beside));
+    }
+    Ok(outputs)
+}

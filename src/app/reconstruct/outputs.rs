@@ -1,0 +1,293 @@
+//! Writes a reconstructed volume and the other outputs.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use config::Settings as Config;
+use export::dicom::Identifiers;
+use export::dicom::volume::VolumeImage;
+use export::fill::{FILLED, Filling};
+use export::planes::{PlanesOptions, VoxelValue, Window, planes};
+use export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
+use mask::MaskSettings;
+use pipeline::{Outcome, PixelKind};
+use statistics::{FillNumbers, Source, Statistics};
+use volume::Voxels;
+use volume::brick_volume::SEEN;
+
+use super::beside::Beside;
+use super::filling::{self, advised};
+use super::sweep::Sweep;
+use crate::app::input;
+use crate::app::provenance::Made;
+use crate::failure::Failure;
+
+/// Settings of the outputs of a reconstruction.
+#[derive(Debug)]
+pub(crate) struct OutputOptions {
+    /// The volume's file; `None` if it is not written.
+    pub(crate) volume: Option<PathBuf>,
+    pub(crate) beside: Beside,
+    /// Filling of holes; `None` for none.
+    pub(crate) filling: Option<Filling>,
+    /// Scalar type; `None` for the input's.
+    pub(crate) scalar: Option<Scalar>,
+    /// Grey values that become black and white.
+    pub(crate) window: Option<[f32; 2]>,
+    /// Value of unseen voxels.
+    pub(crate) unseen: f32,
+    /// Whether the position of the volume's first voxel was given.
+    pub(crate) has_origin: bool,
+    /// Size of the volume, voxels; `None` for all that slices reached.
+    pub(crate) size: Option<[u64; 3]>,
+    pub(crate) identifiers: Identifiers,
+    /// File of the calibration.
+    pub(crate) config: Option<PathBuf>,
+    /// Whether the command line holds the calibration.
+    pub(crate) has_calibration: bool,
+    /// Note for the user.
+    pub(crate) note: Option<String>,
+}
+
+impl OutputOptions {
+    /// Checks that the folders of all outputs exist, and that no output is the input.
+    ///
+    /// # Errors
+    /// [`Failure`] with the first violation.
+    fn check(&self, sequence: &Path) -> Result<(), Failure> {
+        let (volume, beside) = (self.volume.as_deref(), &self.beside);
+        let volumes = [volume, beside.weights.as_deref()];
+        let others = [beside.planes.as_deref(), beside.stats.as_deref()];
+        for path in volumes.into_iter().chain(others).flatten() {
+            input::check_folder(path)?;
+            input::check_is_not(path, sequence)?;
+        }
+        if !volume.is_some_and(input::is_dicom) {
+            self.identifiers.check()?;
+            if !self.identifiers.is_empty() {
+                return Err(Failure(
+                    "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
+                ));
+            }
+        }
+        for path in volumes.into_iter().flatten() {
+            if volume == Some(path) && input::is_dicom(path) {
+                continue;
+            }
+            input::check_volume(path)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the encoding of the written values.
+    ///
+    /// # Errors
+    /// [`Failure`] when the scalar type cannot hold them.
+    fn encoding(&self, pixels: PixelKind) -> Result<Encoding, Failure> {
+        let input = match pixels {
+            PixelKind::U8 => Scalar::U8,
+            PixelKind::U16 => Scalar::U16,
+            PixelKind::F32 => Scalar::F32,
+        };
+        let scalar = self.scalar.unwrap_or(input);
+        let bits = |s: Scalar| s as u8;
+        if bits(scalar) < bits(input) && self.window.is_none() {
+            return Err(Failure(
+                format!(
+                    "--type {0:?}: the input is {input:?}; give --window LO,HI for the grey values of black and white",
+                    scalar
+                )
+                .to_lowercase()
+                .replace("lo,hi", "LO,HI"),
+            ));
+        }
+        let representable = match scalar {
+            Scalar::U8 => (0.0..=255.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
+            Scalar::U16 => (0.0..=65535.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
+            Scalar::F32 => true,
+        };
+        if !representable {
+            return Err(Failure(format!("--unseen {}: is not a value of type {}", self.unseen, scalar.name())));
+        }
+        Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
+    }
+
+    /// Returns the box of voxels to write.
+    ///
+    /// # Errors
+    /// [`Failure`] when no voxel was seen.
+    fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
+        let reconstructor = &outcome.reconstructor;
+        let settings = reconstructor.settings();
+        let Some((low, high)) = reconstructor.volume().seen_bounds() else {
+            return Err(Failure(
+                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing".into(),
+            ));
+        };
+        let world = reconstructor.world_from_lattice();
+        Ok(match (self.has_origin, self.size) {
+            // The lattice begins at the given origin.
+            (true, Some(size)) => DenseBox::new([0; 3], size, world, settings),
+            (false, Some(size)) => DenseBox::new(low, size, world, settings),
+            (_, None) => DenseBox::around([low, high], world, settings),
+        })
+    }
+}
+
+/// A reconstruction, with its inputs and outputs.
+pub(crate) struct Request<'a> {
+    sequence: &'a Path,
+    options: OutputOptions,
+    began: Instant,
+    config: Config,
+    mask: MaskSettings,
+    frames: Option<[u64; 2]>,
+}
+
+/// A finished reconstruction.
+pub(crate) struct Reconstructed {
+    pub(crate) outcome: Outcome,
+    pub(crate) statistics: Statistics,
+    /// Description of the filling, if there was one.
+    pub(crate) filled: Option<String>,
+}
+
+impl<'a> Request<'a> {
+    /// Begins a reconstruction with its outputs. Checks the outputs before the work.
+    ///
+    /// # Errors
+    /// [`Failure`] when flags contradict each other or files are out of reach.
+    pub(crate) fn new(
+        sequence: &'a Path,
+        sweep: &Sweep,
+        options: OutputOptions,
+        began: Instant,
+    ) -> Result<Self, Failure> {
+        options.check(sequence)?;
+        let OutputOptions { volume, beside, filling, .. } = &options;
+        let is_written = volume.is_some() || beside.weights.is_some() || beside.planes.is_some();
+        filling::check(filling.as_ref(), &sweep.session.settings, is_written)?;
+        let frames = (sweep.frames != (0..u64::MAX)).then_some([sweep.frames.start, sweep.frames.end]);
+        let (config, mask) = (sweep.config.clone(), sweep.session.mask);
+        Ok(Self { sequence, options, began, config, mask, frames })
+    }
+
+    /// Returns the outputs.
+    pub(crate) fn options(&self) -> &OutputOptions {
+        &self.options
+    }
+
+    /// Writes the requested files, and returns the statistics; `picture` holds the statistics of
+    /// a simultaneous rendering.
+    ///
+    /// # Errors
+    /// [`Failure`]: the file that failed does not exist.
+    pub(crate) fn finish(
+        &self,
+        mut outcome: Outcome,
+        picture: Option<&impl Serialize>,
+    ) -> Result<Reconstructed, Failure> {
+        let (options, beside) = (&self.options, &self.options.beside);
+        outcome.notes.extend(options.note.clone());
+        let writes = options.volume.is_some() || beside.weights.is_some();
+        let encoding = if writes { Some(options.encoding(outcome.pixels)?) } else { None };
+        let space = options.dense_box(&outcome)?;
+
+        let hash = input::hash(self.sequence)?;
+        let volume = outcome.reconstructor.volume();
+        let filled = filling::fill(options.filling.as_ref(), volume, &space, outcome.reconstructor.settings())?;
+        if let Some(encoding) = &encoding {
+            let mut fields = self.provenance(&outcome, &space, encoding, &hash)?;
+            fields.extend(filled.iter().flat_map(filling::fields));
+            let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
+            if let Some(path) = &options.volume {
+                if input::is_dicom(path) {
+                    self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
+                } else {
+                    write_values(volume, &space, path, encoding, &fields).map_err(advised)?;
+                }
+            }
+            if let Some(path) = &beside.weights {
+                write_weights(volume, &space, path, &fields).map_err(advised)?;
+            }
+        }
+        if let Some(path) = &beside.planes {
+            draw(filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels), &space, path)?;
+        }
+        let scalar = encoding.map(|e| e.scalar.name());
+        let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
+        statistics.fill = filled.as_ref().map(FillNumbers::of);
+        if let Some(path) = &beside.stats {
+            let source = Source {
+                input: self.sequence,
+                sha256: &hash,
+                frames: self.frames,
+                mask: &self.mask,
+                config: &self.config,
+            };
+            statistics.write(path, &source, picture)?;
+        }
+        let filled = filled.as_ref().map(filling::sentence);
+        Ok(Reconstructed { outcome, statistics, filled })
+    }
+
+    /// Writes the volume for a picture archive.
+    fn write_dicom(
+        &self,
+        volume: &dyn Voxels,
+        space: &DenseBox,
+        path: &Path,
+        encoding: &Encoding,
+        (recording, world): (&str, &str),
+    ) -> Result<(), Failure> {
+        let identifiers = &self.options.identifiers;
+        identifiers.check()?;
+        let Encoding { scalar, unseen, .. } = *encoding;
+        let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, identifiers };
+        let mut weights = vec![0.0; usize::try_from(space.grid.size[0]).unwrap_or(0)];
+        image.check().map_err(advised)?;
+        let written = image.write(path, |y, z, row| {
+            let [x0, y0, z0] = space.first;
+            volume.row([x0, y0 + y as i64, z0 + z as i64], row, &mut weights);
+            row.iter_mut().zip(&weights).for_each(|(value, weight)| *value = encoding.written(*value, *weight));
+        });
+        written.map_err(advised)
+    }
+
+    /// Returns the volume's provenance, for its header.
+    fn provenance(
+        &self,
+        outcome: &Outcome,
+        space: &DenseBox,
+        encoding: &Encoding,
+        hash: &str,
+    ) -> Result<Vec<(String, String)>, Failure> {
+        let options = &self.options;
+        let name = self.sequence.file_name().unwrap_or(self.sequence.as_os_str());
+        let calibration = match &options.config {
+            Some(path) => {
+                let name = path.file_name().unwrap_or(path.as_os_str());
+                format!("{} sha256 {}", name.to_string_lossy(), input::hash(path)?)
+            }
+            None if options.has_calibration => "command line".into(),
+            None => "in the sequence".into(),
+        };
+        let input = format!("{} sha256 {hash}", name.to_string_lossy());
+        Ok(Made { outcome, space, encoding, input, calibration, cropped: options.size.is_some() }.fields())
+    }
+}
+
+fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failure> {
+    let shown = |voxel: [u64; 3]| {
+        let at: [i64; 3] = std::array::from_fn(|a| space.first[a] + voxel[a] as i64);
+        match volume.voxel(at) {
+            (r, w) if w > SEEN => Some(VoxelValue::Seen(r / w)),
+            (r, w) if w == FILLED => Some(VoxelValue::Filled(r / w)),
+            _ => None,
+        }
+    };
+    let options = PlanesOptions { window: Window::Percentiles, ..PlanesOptions::default() };
+    Ok(planes(&space.grid, shown, &options)?.write_png(path)?)
+}

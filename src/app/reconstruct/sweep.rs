@@ -1,0 +1,46 @@
+//! A recorded sweep, and its reconstruction.
+
+use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+
+use config::Settings as Config;
+use drivers::replay::SequenceSettings;
+use pipeline::session::{Finished, Sequence, Session, SessionInputs, Source, run};
+use pipeline::{OffPlane, Outcome, PipelineError};
+use sonoweave_core::clock::Monotonic;
+
+use crate::app::reporter::Steps;
+use crate::failure::Failure;
+
+/// A recorded sweep, with the settings of its reconstruction.
+pub(crate) struct Sweep {
+    /// The recording.
+    pub(crate) input: SequenceSettings,
+    /// Frames to use, by their number in the recording.
+    pub(crate) frames: Range<u64>,
+    pub(crate) off_plane: OffPlane,
+    /// Settings of mask and volume, and the observers.
+    pub(crate) session: Session,
+    /// The configuration that the settings follow from.
+    pub(crate) config: Config,
+}
+
+impl Sweep {
+    /// Reconstructs the sweep. The progress of `activity` is shown by `steps`.
+    ///
+    /// # Errors
+    /// [`Failure`] when no frame can be used, or the run as a whole fails.
+    pub(crate) fn reconstruct(self, activity: &'static str, steps: Steps<'_>) -> Result<Outcome, Failure> {
+        let Self { input, frames, off_plane, session, .. } = self;
+        let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
+        let step = steps(activity, sequence.count());
+        let source = SessionInputs::of(Source::Sequence(sequence));
+        let ran = run(&session, source, &Monotonic, &AtomicBool::new(false), |status| {
+            step(status.ledger.frames.total);
+            Vec::new()
+        });
+        drop(step);
+        let Finished { outcome, status, .. } = ran?.finish();
+        Ok(outcome.ok_or_else(|| PipelineError::NothingUsed(Box::new(status.ledger)))?)
+    }
+}

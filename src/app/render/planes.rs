@@ -1,0 +1,83 @@
+//! Renders planes through a volume.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use export::picture::write_rgb;
+use render::section::{Box3, Planar, PlanarWork};
+use render::settings::pool;
+use statistics::write_json;
+use volume::DenseVolume;
+
+use super::planar::SheetNumbers;
+use super::request::{Contents, Rendered, Request, Source, milliseconds};
+use crate::failure::Failure;
+
+/// The content of `--stats`.
+#[derive(Debug, Serialize)]
+struct Statistics<'a> {
+    #[serde(flatten)]
+    source: Source<'a>,
+    mode: &'static str,
+    window: [f32; 2],
+    threads: usize,
+    /// Time to read the volume, ms.
+    read_ms: f64,
+    /// Time to sample the planes, ms.
+    sample_ms: f64,
+    /// Time from the command's start to the picture, s.
+    wall_s: f64,
+    picture: SheetNumbers,
+    work: PlanarWork,
+    notes: &'a [String],
+}
+
+/// Draws the planes of a volume that took `read_ms` to read; `notes` are the volume's notes.
+///
+/// # Errors
+/// [`Failure`]: the picture was not written then.
+pub(super) fn run(
+    request: &Request<'_>,
+    volume: &DenseVolume,
+    began: Instant,
+    read_ms: f64,
+    notes: Vec<String>,
+) -> Result<Rendered, Failure> {
+    let Request { look, output, .. } = request;
+    let window = request.window.unwrap_or_else(|| volume.range());
+    let threads = request.threads;
+    let place = Box3::new(volume.world_from_lattice(), volume.bounds());
+    let sheet = look.planar.sheet(&place, look.view.image_size)?;
+    let sampling = Instant::now();
+    let pool = pool(threads)?;
+    let planar = Planar { volume, place, pool: pool.as_deref() };
+    let mut work = PlanarWork::default();
+    let mut sampled = Vec::new();
+    for panel in &sheet.panels {
+        let (pixels, done) = planar.sample(&panel.section);
+        sampled.push(pixels);
+        work += done;
+    }
+    let sample_ms = milliseconds(sampling);
+    write_rgb(&sheet.draw(&sampled, window, look.planar.wash)?, output)?;
+    let wall_s = began.elapsed().as_secs_f64();
+    let picture = look.planar.numbers(&sheet, &sampled);
+    let text = picture.to_string();
+    if let Some(path) = request.stats {
+        let statistics = Statistics {
+            source: Source::new(request, volume),
+            mode: look.view.mode.name(),
+            window,
+            threads,
+            read_ms,
+            sample_ms,
+            wall_s,
+            picture,
+            work,
+            notes: &notes,
+        };
+        write_json(path, &statistics)?;
+    }
+    Ok(Rendered { contents: Contents::Planes(text), wall_s, notes })
+}

@@ -1,0 +1,91 @@
+//! The failure of a command, as a sentence for the user.
+
+use config::Error;
+use drivers::transport::DENIED;
+use pipeline::PipelineError;
+use reconstruct::Refused;
+use render::RenderError;
+use sync::NoPath;
+use volume::dense::DenseError;
+
+/// Reason why a command failed: a sentence for stderr, exit code 1.
+#[derive(Debug)]
+pub struct Failure(pub String);
+
+impl<E: std::error::Error + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self(format!("{error}{}", remedy(&error)))
+    }
+}
+
+/// Returns the command that remedies the cause of an error, to follow its text; empty if there is
+/// none. Libraries do not know the commands.
+fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
+    use formats::Error::{Damaged, NoSession};
+    let mut causes = std::iter::successors(Some(error), |error| error.source());
+    if let Some(flags) = causes.clone().find_map(flags) {
+        return flags;
+    }
+    match causes.find_map(|cause| cause.downcast_ref()) {
+        Some(Damaged { .. }) => " by `sonoweave inspect FILE --repair OUT`, which lists the missing parts",
+        Some(NoSession { source: formats::NoSession::Empty, .. }) => "",
+        Some(NoSession { .. }) => "; give a file that `live --record` wrote",
+        _ => "",
+    }
+}
+
+/// Flags that place the image in the world.
+const CALIBRATION: &str = " (--config FILE, --image-to-probe, --world)";
+
+/// Returns the flags for the settings that the text of an error names.
+fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    if let Some(Refused::Memory { .. }) = error.downcast_ref() {
+        return Some(" (--spacing, --clip, --max-memory)");
+    }
+    if let Some(DenseError::Memory { .. }) = error.downcast_ref() {
+        return Some(" (--max-memory)");
+    }
+    match error.downcast_ref() {
+        Some(RenderError::Step { .. }) => return Some(" (--step)"),
+        Some(RenderError::Arity) => return Some(" (--arity)"),
+        Some(RenderError::Adaptive { .. } | RenderError::AdaptiveMode { .. }) => return Some(" (--adaptive)"),
+        _ => {}
+    }
+    match error.downcast_ref() {
+        Some(PipelineError::NoGap) => return Some(" (--sigma, --resolution)"),
+        Some(PipelineError::NoPath(_)) => return Some(CALIBRATION),
+        _ => {}
+    }
+    error.downcast_ref::<NoPath>().map(|_| CALIBRATION)
+}
+
+impl Failure {
+    /// Converts a problem of settings whose flags have the settings' names.
+    pub(crate) fn flag(error: Error) -> Self {
+        match error {
+            Error::Setting { setting, problem } if !setting.is_empty() => {
+                Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-")))
+            }
+            other => other.into(),
+        }
+    }
+
+    /// Adds to a refused session configuration the command that helps.
+    pub(crate) fn configuration(error: Error) -> Self {
+        let advice = match &error {
+            Error::Misplaced { .. } | Error::DeviceSet { .. } => {
+                "; `sonoweave live --example fastrak` prints an example"
+            }
+            Error::Uncalibrated { .. } => "; `sonoweave calibrate probe --live` measures it",
+            _ => "",
+        };
+        Self(format!("{error}{advice}"))
+    }
+}
+
+/// Returns a device's reason with the command that remedies it, if there is one. The drivers do not
+/// know the commands.
+pub(crate) fn with_remedy(why: &str) -> String {
+    let remedy = if why.contains(DENIED) { " (`sonoweave devices --udev` prints the rules)" } else { "" };
+    format!("{why}{remedy}")
+}
