@@ -1,31 +1,43 @@
-//! A driver: one kind of device, and the settings that open one.
+//! The kinds of devices: listing the connected ones, and opening one by its settings.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use sonoweave_core::Device;
+use sonoweave_core::clock::{Clock, Monotonic};
 
 use crate::error::Error;
 use crate::listing::Listing;
-use crate::{arm, grabber, openigtlink, replay, tracker};
+use crate::{arm, grabber, openigtlink, replay, tracker, transport};
 
-/// One kind of device: lists the devices that can be opened and opens them.
-pub trait Driver: Sync {
-    /// Short, stable name, as used in configuration files and logs.
-    fn name(&self) -> &'static str;
-
-    /// Lists the devices found now, including those that cannot be opened, with the reason.
-    /// File drivers list nothing: files are opened by path.
-    fn list(&self) -> Vec<Listing>;
-
-    /// Opens a device without starting it.
-    ///
-    /// # Errors
-    /// [`Error`] when the settings are for another driver, or when the device or file cannot be
-    /// opened or has the wrong format.
-    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error>;
+/// Lists the devices found now, including those that cannot be opened, with the reason, by the
+/// names of the drivers that could open them. Files are not listed, but opened by path.
+pub fn list() -> [(&'static str, Vec<Listing>); 4] {
+    [
+        ("arm", transport::serial::list()),
+        ("tracker", tracker::polhemus::list()),
+        ("grabber", grabber::list()),
+        ("openigtlink", openigtlink::list()),
+    ]
 }
 
-/// Settings of the device to open. One variant per driver.
+/// Opens a device without starting it.
+///
+/// # Errors
+/// [`Error`] when the device or file cannot be opened or has the wrong format.
+pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+    let clock: Arc<dyn Clock> = Arc::new(Monotonic);
+    Ok(match settings {
+        OpenSettings::Arm(settings) => arm::open(settings, clock)?,
+        OpenSettings::Tracker(settings) => tracker::polhemus::open(settings, clock)?,
+        OpenSettings::Sequence(settings) => Box::new(replay::Replay::open(settings)?),
+        OpenSettings::Session(settings) => Box::new(replay::SessionReplay::open(settings)?),
+        OpenSettings::Grabber(settings) => Box::new(grabber::Grabber::new(settings.clone(), clock)?),
+        OpenSettings::Remote(settings) => openigtlink::open(settings, clock)?,
+    })
+}
+
+/// Settings of the device to open. One variant per kind.
 #[derive(Debug, Clone)]
 pub enum OpenSettings {
     /// An encoder arm.

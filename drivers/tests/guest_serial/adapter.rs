@@ -5,8 +5,8 @@ use std::process::Command;
 use std::sync::{Arc, Mutex};
 
 use drivers::simulated::{Faults, liberty};
-use drivers::tracker::polhemus::{Model, Port, Settings, TrackerDriver};
-use drivers::{Driver, transport};
+use drivers::tracker::polhemus::{self, Model, Port, Settings};
+use drivers::transport;
 use sonoweave_core::Next;
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -180,7 +180,7 @@ fn hung() {
 
 fn listing() {
     wait_for_adapter(true);
-    let listed = TrackerDriver.list();
+    let listed = polhemus::list();
     let described = |path: &str| listed.iter().find(|l| l.id == path).map(|l| l.description.as_str());
     assert_eq!(described(FTDI), Some("QEMU QEMU USB SERIAL (0403:6001), /dev/ttyUSB0"));
     assert_eq!(described(PORT), Some("serial line, /dev/ttyS1"));
