@@ -6,7 +6,6 @@ use sonoweave_core::clock::SECOND;
 use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
 use crate::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Rate, Stations};
-use crate::tracker::polhemus::liberty::text::Line;
 use crate::tracker::polhemus::liberty::{Header, Layout, MOST_STATIONS, Pose, Reply, Tag};
 
 /// Time from the middle of the measurement to the first byte, ns.
@@ -108,8 +107,10 @@ impl Liberty {
             Reply { header: Header { tag: self.tag, station, command, error }, body }.write(&mut answer);
         } else {
             let error = if error == 0 { b' ' } else { b'0' + error };
-            let text = body.escape_ascii().to_string();
-            Line::Reply { station, command, error, body: text.as_bytes() }.write(&mut answer);
+            answer.extend(format!("{station:02}").bytes());
+            answer.extend([command, error, b' ']);
+            answer.extend(body.escape_ascii());
+            answer.extend(b"\r\n");
         }
         UnitAction::Send(answer)
     }
@@ -224,10 +225,9 @@ impl Model for Liberty {
             if self.binary {
                 pose.write(&layout, &mut record);
             } else {
-                let error = pose.header.error.max(b' ');
-                Line::Measurement { station, error }.write(&mut record);
+                let error = char::from(pose.header.error.max(b' '));
                 let columns = pose.position.unwrap_or_default().map(|x| format!("{x:8.3} ")).concat();
-                record.splice(record.len() - 2..record.len() - 2, columns.bytes());
+                record.extend(format!("{station:02}{error} {columns}\r\n").bytes());
             }
             records.push(record);
         }
