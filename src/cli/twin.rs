@@ -187,7 +187,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
             // The terminals close first: an unplugged unit must not reach its host.
             lines.clear();
             for Port { machine, .. } in &ports {
-                machine.lock().unwrap_or_else(PoisonError::into_inner).pull();
+                machine.lock().unwrap_or_else(PoisonError::into_inner).unplug();
             }
             writeln!(out, "unplugged for {} s", OUT / SECOND)?;
             turns_ns = Some(now_ns + OUT);
@@ -196,7 +196,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
     }
     drop(lines);
     note_commands(&ports, &mut commands);
-    let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).tally());
+    let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).wire().tally());
     let seconds = (Monotonic.now_ns() - begin_ns) as f64 / SECOND as f64;
     out.write_all(summary(seconds, tally.fold(Tally::default(), |sum, each| sum + each), &commands).as_bytes())?;
     Ok(())

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::connection::{Connection, Protocol};
-use drivers::simulated::{Model, Motion, Placed, Pty, Simulated};
+use drivers::simulated::{Machine, Model, Motion, Placed, Pty, Simulated};
 use drivers::transport::{MemoryOpener, Peer, PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -89,7 +89,7 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
             assert!(self.device.health().why.contains("unplugged"), "{}", self.device.health().why);
             assert!(self.readings(5 * SECOND).is_empty());
             assert!(self.device.health().why.contains("plug it in"), "{}", self.device.health().why);
-            self.twin.lock().unwrap().plugged = true;
+            self.twin.lock().unwrap().wire.plugged = true;
             let back = self.until(State::Running, 2 * SECOND);
             assert!(back < SECOND, "{} ms", back / MS);
         }
@@ -101,13 +101,13 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
     /// again.
     pub(crate) fn assert_survives_hanging(&mut self) {
         self.until(State::Running, 2 * SECOND);
-        self.twin.lock().unwrap().hung = true;
+        self.twin.lock().unwrap().wire.hung = true;
         let noticed = self.until(State::Silent, 2 * SECOND);
         assert!(noticed < 600 * MS, "{} ms", noticed / MS);
         assert!(self.readings(2 * SECOND).is_empty());
         let why = self.device.health().why.clone();
         assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-        self.twin.lock().unwrap().hung = false;
+        self.twin.lock().unwrap().wire.hung = false;
         let back = self.until(State::Running, 4 * SECOND);
         assert!(back < 2 * SECOND, "{} ms", back / MS);
         assert_eq!(self.device.health().received.opened, 1, "the line was open all along");
@@ -115,12 +115,12 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
 
     /// Returns how often the unit received these bytes.
     pub(crate) fn times_sent(&self, bytes: &[u8]) -> usize {
-        self.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == bytes).count()
+        self.twin.lock().unwrap().wire.obeyed.iter().filter(|command| command.as_slice() == bytes).count()
     }
 
     /// Returns the commands that the unit received, as text.
     pub(crate) fn reported(&self) -> Vec<String> {
-        self.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
+        self.twin.lock().unwrap().wire.obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
     }
 }
 

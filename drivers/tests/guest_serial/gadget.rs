@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex};
 
 use drivers::arm::ea1::SampleFormat;
 use drivers::arm::{ArmSettings, Model, Settings};
-use drivers::simulated::Faults;
 use drivers::simulated::ea1::Twin;
+use drivers::simulated::{Faults, Machine};
 use drivers::transport::serial;
 use drivers::{Listing, OpenSettings, tracker::polhemus};
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
@@ -84,7 +84,7 @@ fn tracker() {
             twin.lock().unwrap().unplug();
         },
         || {
-            twin.lock().unwrap().plugged = true;
+            twin.lock().unwrap().wire.plugged = true;
             let since = plug_in();
             (Spoken::on(GADGET, 115_200, &twin), since)
         },
@@ -172,7 +172,7 @@ fn arm() {
         assert!(rig.readings(700 * MS).is_empty());
         {
             let mut twin = twin.lock().unwrap();
-            twin.plugged = true;
+            twin.wire.plugged = true;
             twin.restart(Monotonic.now_ns());
         }
         let plugged = plug_in();
