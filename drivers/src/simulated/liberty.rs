@@ -21,6 +21,7 @@ const STATIONS: usize = MOST_STATIONS as usize;
 pub type Twin = Simulated<Liberty>;
 
 /// The unit. Its fields are the state in which it was left.
+#[derive(Default)]
 pub struct Liberty {
     /// Model. A PATRIOT has one rate and no buffer.
     pub tag: Tag,
@@ -68,26 +69,14 @@ impl Twin {
     /// sensor, quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Liberty {
-            tag: Tag::Liberty,
-            binary: false,
-            centimetres: false,
-            continuous: false,
             hz: 240.0,
             list: vec![2, 4, 1],
             active: 1,
             hemispheres: [[1.0, 0.0, 0.0]; STATIONS],
-            errors: [0; STATIONS],
-            distortion: 0,
-            switch: 0,
             filters: [[0.2, 0.2, 0.8, 0.95]; 2],
             buffers: true,
-            echoes: false,
-            zero: 0,
             early: 10,
-            stubborn: 0,
-            deaf: false,
-            frame: 0,
-            since_start: 0,
+            ..Liberty::default()
         };
         Self::of(unit, motion, faults)
     }

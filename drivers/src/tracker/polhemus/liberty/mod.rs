@@ -31,9 +31,10 @@ use crate::framing::{Format, Parsed, Refusal};
 use limits::{FARTHEST, FEWEST_REPLY_BYTES};
 
 /// Model of the unit: the first two bytes of each frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Tag {
     /// `LY`: LIBERTY.
+    #[default]
     Liberty,
     /// `PA`: PATRIOT.
     Patriot,
