@@ -66,7 +66,7 @@ impl Arguments {
     /// Refuses impossible requests before the work.
     fn check(&self) -> Result<(), Failure> {
         if let Some(limit) = self.limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
-            return Err(Failure(format!("--limit {limit}: must be a number that is not negative")));
+            fail!("--limit {limit}: must be a number that is not negative");
         }
         let Some(path) = &self.output else { return Ok(()) };
         super::render::check_png(path)?;
@@ -80,7 +80,7 @@ impl Arguments {
     fn most_bytes(&self) -> Result<u64, Failure> {
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
+            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         Ok(most as u64)
     }

@@ -115,18 +115,15 @@ impl Arguments {
         let path = &self.file;
         let kind = kind(path)?;
         if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
-            return Err(Failure(format!(
-                "{}: is not a sequence; --config and --world apply to sequences only",
-                path.display()
-            )));
+            fail!("{}: is not a sequence; --config and --world apply to sequences only", path.display());
         }
         let flag =
             self.against.as_ref().map(|_| "--against compares").or(self.weights.as_ref().map(|_| "--weights are of"));
         if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
-            return Err(Failure(format!("{}: is no volume; {flag} volumes only", path.display())));
+            fail!("{}: is no volume; {flag} volumes only", path.display());
         }
         if !matches!(kind, Kind::Session) && self.repair.is_some() {
-            return Err(Failure(format!("{}: is not a session; --repair applies to sessions only", path.display())));
+            fail!("{}: is not a session; --repair applies to sessions only", path.display());
         }
         Ok(match kind {
             Kind::Session => Report::Session(Box::new(SessionReport::read(path, self.repair.as_deref())?)),
@@ -146,7 +143,7 @@ impl Arguments {
 fn kind(path: &Path) -> Result<Kind, Failure> {
     let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
     if std::fs::metadata(path).map_err(failed)?.is_dir() {
-        return Err(Failure(format!("{}: is a folder; give a file", path.display())));
+        fail!("{}: is a folder; give a file", path.display());
     }
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(failed)?;

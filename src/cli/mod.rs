@@ -1,12 +1,14 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
+#[macro_use]
+mod failure;
+
 pub mod calibrate;
 pub mod compare;
 pub mod convert;
 pub mod demo;
 pub mod devices;
 pub mod dicom;
-mod failure;
 mod histogram;
 mod igtl;
 pub mod input;

@@ -118,9 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 match arguments.by_crossings(&source, calibration, &mut notes) {
                     Ok(found) => Found::Crossings(Box::new(found)),
                     Err(Failure(no_crossings)) => {
-                        return Err(Failure(format!(
-                            "by --method line: {no_floor}; by --method crossings: {no_crossings}"
-                        )));
+                        fail!("by --method line: {no_floor}; by --method crossings: {no_crossings}");
                     }
                 }
             }
@@ -130,11 +128,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let video_ms = arguments.video_latency_ms.or(source.video_ms()).unwrap_or(0.0);
     let report = Report::new(&source, found, video_ms, notes)?;
     if report.latency().tracker_ms.abs() > 1000.0 {
-        return Err(Failure(format!(
+        fail!(
             "the tracker's latency would be {:.0} ms, but 1000 ms is the limit; check that all stamps are from one \
             clock",
             report.latency().tracker_ms
-        )));
+        );
     }
     let change = |file: &mut CalibrationFile| {
         file.latency = Some(report.latency());
@@ -152,10 +150,10 @@ impl Arguments {
     /// Refuses invalid flags before the work.
     fn check(&self) -> Result<(), Failure> {
         if !(20.0..=1000.0).contains(&self.range_ms) {
-            return Err(Failure(format!("--range-ms {}: must lie between 20 and 1000", self.range_ms)));
+            fail!("--range-ms {}: must lie between 20 and 1000", self.range_ms);
         }
         if let Some(ms) = self.video_latency_ms.filter(|ms| !(-1000.0..=1000.0).contains(ms)) {
-            return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
+            fail!("--video-latency-ms {ms}: must lie between -1000 and 1000");
         }
         // The calibration may be the output file: its other contents are kept.
         let config = self.config.as_ref().filter(|path| !self.outputs.is_output(path));
@@ -244,7 +242,7 @@ impl Arguments {
         })?;
         *notes = unfit.notes();
         let Some((ends, [width, height])) = ends else {
-            return Err(Failure(format!("{}: holds no usable frame", source.paths()[0].display())));
+            fail!("{}: holds no usable frame", source.paths()[0].display());
         };
         let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
         let is_data: Vec<bool> = (0..height)

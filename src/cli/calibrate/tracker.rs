@@ -124,11 +124,10 @@ struct CellReport {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recording = arguments.recording(&arguments.tracker);
     if arguments.other.is_none() && arguments.outputs.changes_file() {
-        return Err(Failure(
+        fail!(
             "--output: a sensor's noise is not part of a calibration file, only a map of the room (--other); leave it \
             out"
-            .into(),
-        ));
+        );
     }
     arguments.outputs.check(&[recording.path()], false)?;
     let made = gathered(&recording, |tracks| match &arguments.other {

@@ -51,9 +51,7 @@ impl FillFlags {
     pub(in crate::cli) fn check(&self, settings: &Settings, is_written: bool) -> Result<(), Failure> {
         let Some(filling) = self.filling() else { return Ok(()) };
         if !is_written {
-            return Err(Failure(
-                "--fill: applies to written files, and none is written; give a volume, --weights or --planes".into(),
-            ));
+            fail!("--fill: applies to written files, and none is written; give a volume, --weights or --planes");
         }
         filling.check(settings.spacing_mm).map_err(|e| Failure(format!("--fill-radius: {e}")))
     }

@@ -186,7 +186,7 @@ impl Flags {
         };
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
+            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         settings.memory_bytes = most as u64;
         let session = Session {
@@ -228,9 +228,7 @@ impl Flags {
             input::check_is_not(path, sequence)?;
         }
         if !volume.is_some_and(is_dicom) && !self.dicom.identifiers()?.is_empty() {
-            return Err(Failure(
-                "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
-            ));
+            fail!("patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out");
         }
         for path in volumes.into_iter().flatten() {
             if volume == Some(path) && is_dicom(path) {
@@ -274,7 +272,7 @@ impl Flags {
             Scalar::F32 => true,
         };
         if !representable {
-            return Err(Failure(format!("--unseen {}: is not a value of type {}", self.unseen, scalar.name())));
+            fail!("--unseen {}: is not a value of type {}", self.unseen, scalar.name());
         }
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }
@@ -287,9 +285,7 @@ impl Flags {
         let reconstructor = &outcome.reconstructor;
         let settings = reconstructor.settings();
         let Some((low, high)) = reconstructor.volume().seen_bounds() else {
-            return Err(Failure(
-                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing".into(),
-            ));
+            fail!("no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing");
         };
         let world = reconstructor.world_from_lattice();
         Ok(match (self.origin, self.size) {

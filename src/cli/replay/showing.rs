@@ -60,7 +60,7 @@ struct Showing<'a> {
 /// [`Failure`] when it cannot be read or served, or its outputs cannot be written.
 pub(super) fn run(request: &ReplayRequest<'_>, address: SocketAddr, keep: Option<&Path>) -> Result<(), Failure> {
     if request.series.is_some() {
-        return Err(Failure("--pictures: cannot be combined with --console; leave one of them out".into()));
+        fail!("--pictures: cannot be combined with --console; leave one of them out");
     }
     let (_, bedside) = request.open()?;
     bedside.calibrated().map_err(Failure::configuration)?;
