@@ -4,14 +4,14 @@
 mod arguments;
 mod report;
 
-use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 use export::planes::{PlanesOptions, Shades, Window, planes};
 use volume::DenseVolume;
 use volume::difference::{Apart, Difference};
 
-use super::{Failure, input};
+use super::Failure;
+use super::input::{self, print};
 pub use arguments::Arguments;
 use report::Report;
 
@@ -91,15 +91,6 @@ impl Arguments {
 fn print_notes(volume: &DenseVolume, path: &Path) {
     for note in volume.notes() {
         eprintln!("sonoweave: note: {}: {note}", path.display());
-    }
-}
-
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        // A closed pipe (`| head`) is no error.
-        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-        Ok(()) => Ok(()),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read, Write as _};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -51,6 +51,18 @@ pub fn is_session(path: &Path) -> Result<bool, Failure> {
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(SESSION.len() as u64).read_to_end(&mut head).map_err(failed)?;
     Ok(head == SESSION || path.extension().is_some_and(|extension| extension == "mcap"))
+}
+
+/// Prints to stdout. A closed pipe (`| head`) is no error.
+///
+/// # Errors
+/// [`Failure`] when the text cannot be written.
+pub fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
+        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
+        Ok(()) => Ok(()),
+    }
 }
 
 /// Checks before the work that a file can be written there.

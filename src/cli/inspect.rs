@@ -8,7 +8,7 @@ pub(in crate::cli) mod text;
 mod volume;
 
 use std::fs::File;
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -17,7 +17,8 @@ use serde::Serialize;
 use formats::Limits;
 use formats::image::{Content, content};
 
-use super::{Failure, input};
+use super::Failure;
+use super::input::{self, print};
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
 use session::SessionReport;
@@ -102,12 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !out.ends_with('\n') {
         out.push('\n');
     }
-    match std::io::stdout().write_all(out.as_bytes()) {
-        // A closed pipe (`| head`) is no error.
-        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-        Ok(()) => Ok(()),
-    }
+    print(&out)
 }
 
 impl Arguments {

@@ -1,6 +1,5 @@
 //! Outputs of calibrations: the calibration file, changed in one place, and reports.
 
-use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -14,6 +13,7 @@ use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::named::StaticTransform;
 use statistics::write_json;
 
+pub(super) use super::super::input::print;
 use super::super::{Failure, input};
 
 /// Output flags.
@@ -218,15 +218,6 @@ pub(super) fn named<To, From>(from: &str, to: &str, transform: &Transform<To, Fr
 /// Returns 16 numbers, row major.
 pub(super) fn rows(affine: DAffine3) -> [f64; 16] {
     Transform::<(), ()>::from_affine(affine).to_rows()
-}
-
-/// Prints to stdout. A closed pipe (`| head`) is no error.
-pub(super) fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-        Ok(()) => Ok(()),
-    }
 }
 
 /// Formats the coordinates of a point, mm.
