@@ -12,6 +12,11 @@ use volume::dense::DenseError;
 #[derive(Debug)]
 pub struct Failure(pub String);
 
+/// Returns a failure from a function, with a formatted sentence.
+macro_rules! fail {
+    ($($sentence:tt)*) => { return Err($crate::failure::Failure(format!($($sentence)*))) };
+}
+
 impl<E: std::error::Error + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
         Self(format!("{error}{}", remedy(&error)))

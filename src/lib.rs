@@ -5,8 +5,10 @@
 //! - [`app`]: the work of the commands: sessions, replays, calibrations, reconstruction, rendering.
 //! - [`Failure`]: the failure of a command, as a sentence for the user.
 
+#[macro_use]
+mod failure;
+
 pub mod app;
 pub mod cli;
-mod failure;
 
 pub use failure::Failure;

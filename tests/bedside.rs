@@ -14,7 +14,7 @@ use glam::DVec3;
 
 use drivers::connection::{Connection, Protocol};
 use drivers::simulated::grabber::Grabber;
-use drivers::simulated::{Faults, fastrak as virtual_fastrak, liberty as virtual_liberty};
+use drivers::simulated::{Faults, Machine, fastrak as virtual_fastrak, liberty as virtual_liberty};
 use drivers::tracker::polhemus::{Settings, fastrak, liberty};
 use drivers::transport::{MemoryOpener, Peer};
 use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
@@ -227,7 +227,7 @@ fn packets_and_bursts_do_not_change_poses() {
         let is_held = now > BEGIN + 10 * SECOND && now % (5 * SECOND) < 30 * MS;
         let packet_ns = if is_held { 200 * MS } else { 0 };
         let mut twin = twin.lock().unwrap();
-        twin.set_faults(Faults { packet_ns, seed: now.unsigned_abs(), ..tracking() });
+        twin.wire.set_faults(Faults { packet_ns, seed: now.unsigned_abs(), ..tracking() });
     });
     let [_, p99, _] = run.check("FASTRAK, 200 ms late in bursts", BEGIN + 15 * SECOND);
     assert!(p99 < 1.0, "{p99}");
@@ -238,9 +238,9 @@ fn unplugged_tracker_is_reported_without_invented_poses() {
     let run = fastrak_run(tracking(), video(), 30, |now, twin| {
         let mut twin = twin.lock().unwrap();
         let is_out = (BEGIN + 10 * SECOND..BEGIN + 14 * SECOND).contains(&now);
-        match (is_out, twin.plugged) {
+        match (is_out, twin.wire.plugged) {
             (true, true) => twin.unplug(),
-            (false, false) => twin.plugged = true,
+            (false, false) => twin.wire.plugged = true,
             _ => {}
         }
     });

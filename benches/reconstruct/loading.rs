@@ -3,8 +3,8 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use drivers::replay::{SequenceDriver, SequenceSettings};
-use drivers::{Driver, OpenSettings};
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
 use mask::{AutoMask, Mask, MaskPlan};
 use sonoweave_core::slice::Slice;
 use sonoweave_core::{Device, Next};
@@ -25,9 +25,8 @@ pub(crate) fn folder(project: &Path) -> PathBuf {
 pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
     let config = config::Settings::read(config, None)?;
     let options = config.pairing_options(None);
-    let open = |images| {
-        SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
-    };
+    let open =
+        |images| drivers::open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }));
     let survey = survey(open(false)?.as_mut(), &options)?;
     let mut pairing = StampedPairing::with_names(options, &survey.names)?;
     let mut ingest = Ingest::new();

@@ -43,8 +43,8 @@
 //!
 //! - [`parameters`]: blocks of parameters on their manifolds: points and other vectors are
 //!   added to, scales multiplied, rotations turned from the left or the right.
-//! - [`blocks`]: residuals, derivatives and noise. [`check_jacobian`] compares the derivatives
-//!   with finite differences; every problem's tests call it.
+//! - [`blocks`]: residuals, derivatives and noise. Every problem's tests compare the derivatives
+//!   with finite differences.
 //! - [`loss`]: quadratic, Huber, Cauchy, Tukey, for residuals of any number of components.
 //! - [`solution`]: the result; [`certainty`]: covariances of results, and predicted ones with
 //!   more measurements.
@@ -58,18 +58,16 @@
 
 pub mod blocks;
 pub mod certainty;
-mod check;
 mod linear;
 pub mod loss;
 pub mod parameters;
 pub mod solution;
 mod solve;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use blocks::{Blocks, Residual, Whitening, rows, turned};
 pub use certainty::Certainty;
-pub use check::{JacobianCheck, check_jacobian};
 pub use loss::Loss;
 pub use parameters::{Parameters, Rotation, Scale, Side, State, Vector};
 pub use solution::{Direction, Solution, Stopped};

@@ -20,12 +20,16 @@ pub mod file;
 pub mod landmarks;
 pub mod latency;
 pub mod least_squares;
-#[cfg(test)]
-mod noise;
 pub mod phantom;
 pub mod picture;
 pub mod pivot;
 pub mod probe;
 mod rest;
 pub mod statistics;
+#[cfg(test)]
+mod tests {
+    pub(crate) mod noise;
+    pub(crate) mod target_scans;
+    pub(crate) mod wire_scans;
+}
 pub mod tracker;

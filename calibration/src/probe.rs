@@ -29,8 +29,6 @@ pub mod refine;
 mod reread;
 pub mod scatter;
 pub mod sighting;
-#[cfg(test)]
-mod simulated;
 pub mod target;
 pub mod track;
 mod unknown;

@@ -72,7 +72,7 @@ pub fn correlation_length(numbers: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::Noise;
+    use crate::tests::noise::Noise;
 
     #[test]
     fn spread_matches_hand_computed_values() {

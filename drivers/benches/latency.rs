@@ -39,7 +39,7 @@ impl Peer for Noting {
         Ok(text)
     }
 
-    fn due(&self, now_ns: i64) -> Option<i64> {
+    fn due(&mut self, now_ns: i64) -> Option<i64> {
         self.twin.due(now_ns)
     }
 }

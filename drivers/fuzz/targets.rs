@@ -108,8 +108,7 @@ pub(crate) fn liberty(data: &[u8]) {
     let codes: &[u8] = match choice % 4 {
         0 => &[8, 9, 2, 7],
         1 => &[2, 4, 6, 10, 11, 12, 1],
-        2 => return cut_anywhere(&liberty::Liberty::replies(), stream, *cut),
-        _ => return cut_anywhere(&liberty::text::LibertyText, stream, *cut),
+        _ => return cut_anywhere(&liberty::Liberty::replies(), stream, *cut),
     };
     let layout = liberty::Layout::new(codes).expect("a list that units have");
     cut_anywhere(&liberty::Liberty::new(choice / 4, layout), stream, *cut);

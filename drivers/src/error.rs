@@ -12,9 +12,6 @@ use crate::tracker::polhemus::ListError;
 /// ([`Refused`](crate::openigtlink::Refused)), because servers answer them.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The settings are for another driver.
-    #[error("the driver {0} cannot open these settings; they are for another driver")]
-    OtherDriver(&'static str),
     /// A setting has a value that the device does not support.
     #[error("{device}.{setting}: {problem}")]
     Setting {
@@ -88,7 +85,6 @@ mod tests {
         };
         let recorded = Error::Recorded { protocol: "ea1".into(), setting: "speech".into(), value: "drums".into() };
         for (error, text) in [
-            (Error::OtherDriver("arm"), "the driver arm cannot open these settings; they are for another driver"),
             (Error::setting("arm", "baud", "too slow"), "arm.baud: too slow"),
             (
                 ListError::PackedText(18).into(),
@@ -113,7 +109,7 @@ mod tests {
         let file = formats::Error::Session { path: "s.mcap".into(), problem: "is odd".into() };
         let error = sonoweave_core::Error::from(Error::from(file));
         assert!(matches!(error.cause(), Some(formats::Error::Session { .. })), "{error:?}");
-        let error = sonoweave_core::Error::from(Error::OtherDriver("arm"));
-        assert!(matches!(error.cause(), Some(Error::OtherDriver("arm"))), "{error:?}");
+        let error = sonoweave_core::Error::from(Error::setting("arm", "baud", "too slow"));
+        assert!(matches!(error.cause(), Some(Error::Setting { device: "arm", .. })), "{error:?}");
     }
 }

@@ -1,9 +1,9 @@
 //! Device drivers and recordings: they read bytes and deliver readings.
 //!
-//! A [`Driver`] knows one kind of device: it lists the devices that can be opened and opens
-//! them from typed settings. A [`Device`] is started, asked for its next reading, and
-//! stopped. Recordings implement the same trait, so code that works on a file also works on
-//! live hardware. This crate knows nothing of volumes, calibration or display. Readings keep
+//! [`list`] finds the devices that can be opened, and [`open`] opens one by its typed settings.
+//! A [`Device`](sonoweave_core::Device) is started, asked for its next reading, and stopped.
+//! Recordings implement the same trait, so code that works on a file also works on live
+//! hardware. This crate knows nothing of volumes, calibration or display. Readings keep
 //! the units and names of the wire; only the daemon's ingest stage converts them to mm, rad and
 //! host nanoseconds.
 //!
@@ -24,45 +24,20 @@
 
 pub mod arm;
 pub mod connection;
-mod driver;
 mod error;
 pub mod framing;
 pub mod grabber;
 mod listing;
 mod numerals;
+mod open;
+mod open_settings;
 pub mod openigtlink;
 pub mod replay;
 pub mod simulated;
 pub mod tracker;
 pub mod transport;
 
-use sonoweave_core::Device;
-
-pub use driver::{Driver, OpenSettings};
 pub use error::Error;
 pub use listing::Listing;
-
-/// All drivers of this build.
-pub static DRIVERS: &[&dyn Driver] = &[
-    &arm::ArmDriver,
-    &tracker::polhemus::TrackerDriver,
-    &grabber::GrabberDriver,
-    &openigtlink::RemoteDriver,
-    &replay::SequenceDriver,
-    &replay::SessionDriver,
-];
-
-/// Opens the device named by `settings` with the matching driver.
-///
-/// # Errors
-/// The driver's.
-pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
-    match settings {
-        OpenSettings::Arm(_) => arm::ArmDriver.open(settings),
-        OpenSettings::Tracker(_) => tracker::polhemus::TrackerDriver.open(settings),
-        OpenSettings::Sequence(_) => replay::SequenceDriver.open(settings),
-        OpenSettings::Session(_) => replay::SessionDriver.open(settings),
-        OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
-        OpenSettings::Remote(_) => openigtlink::RemoteDriver.open(settings),
-    }
-}
+pub use open::{list, open};
+pub use open_settings::OpenSettings;

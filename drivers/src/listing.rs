@@ -1,6 +1,6 @@
 //! Devices that drivers find.
 
-/// A device found by [`Driver::list`](crate::Driver::list).
+/// A device found by [`list`](crate::list).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listing {
     /// Identifier used in settings.

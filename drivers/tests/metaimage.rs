@@ -8,8 +8,8 @@ use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use drivers::replay::{Pace, Replay, SequenceDriver, SequenceSettings};
-use drivers::{Driver, OpenSettings};
+use drivers::OpenSettings;
+use drivers::replay::{Pace, Replay, SequenceSettings};
 use formats::Limits;
 use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use formats::image::{About, Content, VolumeHeader, VolumeReader, content};
@@ -33,7 +33,7 @@ fn drain(device: &mut dyn Device) -> Result<Vec<Reading>, Error> {
 }
 
 fn replay(path: &Path) -> Result<Vec<Reading>, Error> {
-    let mut device = SequenceDriver.open(&OpenSettings::sequence(path))?;
+    let mut device = drivers::open(&OpenSettings::sequence(path))?;
     device.start()?;
     drain(&mut *device)
 }

@@ -13,7 +13,7 @@ use drivers::arm::microscribe::{self, Family};
 use drivers::arm::{self, ea1, qsb};
 use drivers::connection::{Connection, Protocol};
 use drivers::simulated::fastrak::Twin;
-use drivers::simulated::{self, Faults, Joints, Placed, Pty};
+use drivers::simulated::{self, Faults, Joints, Machine, Placed, Pty};
 use drivers::tracker::polhemus::fastrak::Unit;
 use drivers::tracker::polhemus::{Settings, isotrak, liberty, viper};
 use drivers::transport::{MemoryOpener, Opener, Peer, PortPath, SerialOpener};
@@ -180,14 +180,14 @@ fn day_of_faults_keeps_memory_constant() {
             }
         }
         let mut twin = twin.lock().unwrap();
-        twin.plugged = true;
-        twin.hung = false;
+        twin.wire.plugged = true;
+        twin.wire.hung = false;
         match minute % 60 {
             20 => twin.unplug(),
-            40 => twin.hung = true,
+            40 => twin.wire.hung = true,
             // Once an hour all is well again, and the held memory must be unchanged.
             0 => {
-                twin.obeyed = Vec::new();
+                twin.wire.obeyed = Vec::new();
                 held.push(HELD.load(Ordering::Relaxed));
             }
             _ => {}

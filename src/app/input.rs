@@ -56,7 +56,7 @@ pub fn is_session(path: &Path) -> Result<bool, Failure> {
 pub fn check_output(path: &Path) -> Result<(), Failure> {
     check_folder(path)?;
     if path.exists() && !path.is_file() {
-        return Err(Failure(format!("{}: exists and is not a file; give another name", path.display())));
+        fail!("{}: exists and is not a file; give another name", path.display());
     }
     Ok(())
 }
@@ -88,7 +88,7 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
 /// [`Failure`] when it is.
 pub fn check_is_not(output: &Path, input: &Path) -> Result<(), Failure> {
     if output.canonicalize().ok().is_some_and(|path| input.canonicalize().ok() == Some(path)) {
-        return Err(Failure(format!("{}: is the input; give another name", output.display())));
+        fail!("{}: is the input; give another name", output.display());
     }
     Ok(())
 }

@@ -6,7 +6,6 @@ pub mod drawing;
 pub mod landmarks;
 pub mod latency;
 pub mod pivot;
-mod print;
 pub mod probe;
 pub mod tracker;
 

@@ -4,7 +4,6 @@
 mod arguments;
 mod report;
 
-use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 
 use export::planes::{PlanesOptions, Shades, Window, planes};
@@ -12,6 +11,7 @@ use volume::DenseVolume;
 use volume::difference::{Apart, Difference};
 
 use super::Failure;
+use super::print::print;
 use crate::app::histogram::round_up;
 use crate::app::input;
 pub use arguments::Arguments;
@@ -68,7 +68,7 @@ impl Arguments {
     /// Refuses impossible requests before the work.
     fn check(&self) -> Result<(), Failure> {
         if let Some(limit) = self.limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
-            return Err(Failure(format!("--limit {limit}: must be a number that is not negative")));
+            fail!("--limit {limit}: must be a number that is not negative");
         }
         let Some(path) = &self.output else { return Ok(()) };
         input::check_png(path)?;
@@ -82,7 +82,7 @@ impl Arguments {
     fn most_bytes(&self) -> Result<u64, Failure> {
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
+            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         Ok(most as u64)
     }
@@ -93,15 +93,6 @@ impl Arguments {
 fn print_notes(volume: &DenseVolume, path: &Path) {
     for note in volume.notes() {
         eprintln!("sonoweave: note: {}: {note}", path.display());
-    }
-}
-
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(text.as_bytes()) {
-        // A closed pipe (`| head`) is no error.
-        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-        Ok(()) => Ok(()),
     }
 }
 

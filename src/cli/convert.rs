@@ -96,19 +96,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
     if input::is_dicom(output) {
-        return Err(Failure(format!(
-            "{}: use `sonoweave dicom` to write DICOM, with names of patient and study",
-            output.display()
-        )));
+        fail!("{}: use `sonoweave dicom` to write DICOM, with names of patient and study", output.display());
     }
     let is_numbered = Pictures::are_at(input);
     let is_session = !is_numbered && input::is_session(input)?;
     let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };
     if arguments.rate.is_some() && !is_numbered {
-        return Err(Failure(format!(
-            "{}: has its own times; --rate applies to numbered pictures only",
-            input.display()
-        )));
+        fail!("{}: has its own times; --rate applies to numbered pictures only", input.display());
     }
     let changes = Changes {
         frames: arguments.frames.clone(),
@@ -132,10 +126,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     fn volume(&self, changes: &Changes) -> Result<Vec<String>, Failure> {
         if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
-            return Err(Failure(format!(
+            fail!(
                 "{}: is a volume; --frames, --crop, --orientation and --station apply to recordings only",
                 self.input.display()
-            )));
+            );
         }
         input::check_volume(&self.output)?;
         input::check_output(&self.output)?;
@@ -162,10 +156,7 @@ impl Arguments {
         }
         self.check_pixels()?;
         if !self.stations.is_empty() && !is_session {
-            return Err(Failure(format!(
-                "{}: is not a session; --station applies to sessions only",
-                self.input.display()
-            )));
+            fail!("{}: is not a session; --station applies to sessions only", self.input.display());
         }
         let placing = if is_session { self.placing()? } else { Placing::default() };
         let mut gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &placing)?;
@@ -254,11 +245,11 @@ impl Arguments {
         };
         let stem = |path: &Path| path.file_stem().map(std::ffi::OsStr::to_owned);
         if data.exists() && stem(&self.input) == stem(&self.output) {
-            return Err(Failure(format!(
+            fail!(
                 "{}: {} exists and may hold the input's pixels; give another name",
                 self.output.display(),
                 data.display()
-            )));
+            );
         }
         input::check_output(&data)?;
         input::check_is_not(&data, &self.input)

@@ -8,8 +8,8 @@ use std::time::Duration;
 use clap::Args;
 use serde::Serialize;
 
+use drivers::Listing;
 use drivers::transport::DENIED;
-use drivers::{DRIVERS, Listing};
 
 use super::Failure;
 
@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let mut before = None;
     loop {
-        let found = merged(DRIVERS.iter().map(|driver| (driver.name(), driver.list())));
+        let found = merged(drivers::list().into_iter());
         if before.as_ref() != Some(&found) {
             let text = match (arguments.json, &before) {
                 (true, _) => serde_json::to_string(&found)? + "\n",

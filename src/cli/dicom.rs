@@ -84,10 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     input::check_output(output)?;
     input::check_is_not(output, input)?;
     if !input::is_dicom(output) {
-        return Err(Failure(format!(
-            "{}: is not a name of a DICOM file; give a name that ends in .dcm",
-            output.display()
-        )));
+        fail!("{}: is not a name of a DICOM file; give a name that ends in .dcm", output.display());
     }
     let summary = match content(input, &Limits::default())? {
         Content::Sequence => write_sweep(arguments, &identifiers)?,
@@ -105,14 +102,11 @@ fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
 fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {
     let Arguments { input, output, config, world, frames, max_memory, .. } = arguments;
     if config.is_some() || world.is_some() || frames.is_some() {
-        return Err(Failure(format!(
-            "{}: is a volume; --config, --world and --frames apply to sequences only",
-            input.display()
-        )));
+        fail!("{}: is a volume; --config, --world and --frames apply to sequences only", input.display());
     }
     let most = max_memory * f64::from(1 << 30);
     if !(most > 0.0 && most.is_finite()) {
-        return Err(Failure(format!("--max-memory {max_memory}: must be a positive number of GiB")));
+        fail!("--max-memory {max_memory}: must be a positive number of GiB");
     }
     let volume = DenseVolume::open(input, None, most as u64)?;
     let header = volume.header();
@@ -120,11 +114,11 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
         PixelType::U8 => Scalar::U8,
         PixelType::U16 => Scalar::U16,
         other => {
-            return Err(Failure(format!(
+            fail!(
                 "{}: has voxels of {other:?}, but DICOM's ultrasound volumes have 8 or 16 bit unsigned ones; \
                 reconstruct with --type u8 or u16 and --window",
                 input.display()
-            )));
+            );
         }
     };
     let unseen = field(&header.fields, UNSEEN_FIELD).and_then(|text| text.parse().ok()).unwrap_or(0.0_f32);
@@ -207,18 +201,16 @@ struct Frames {
 impl Frames {
     fn add(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
         let Pixels::U8(pixels) = image.pixels() else {
-            return Err(Failure(format!(
-                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow"
-            )));
+            fail!("item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow");
         };
         let size = [image.width(), image.height()];
         if self.items.is_empty() {
             self.size = size;
         } else if self.size != size {
-            return Err(Failure(format!(
+            fail!(
                 "item {item}: has {size:?} pixels, but the first frame has {:?}; choose frames of one size by --frames",
                 self.size
-            )));
+            );
         }
         // Checks the size before memory is allocated.
         Sweep::bytes(self.items.len() as u64 + 1, size).map_err(shorter)?;

@@ -8,7 +8,7 @@ pub(in crate::cli) mod text;
 mod volume;
 
 use std::fs::File;
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -18,6 +18,7 @@ use formats::Limits;
 use formats::image::{Content, content};
 
 use super::Failure;
+use super::print::print;
 use crate::app::input;
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
@@ -103,12 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !out.ends_with('\n') {
         out.push('\n');
     }
-    match std::io::stdout().write_all(out.as_bytes()) {
-        // A closed pipe (`| head`) is no error.
-        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-        Ok(()) => Ok(()),
-    }
+    print(&out)
 }
 
 impl Arguments {
@@ -116,18 +112,15 @@ impl Arguments {
         let path = &self.file;
         let kind = kind(path)?;
         if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
-            return Err(Failure(format!(
-                "{}: is not a sequence; --config and --world apply to sequences only",
-                path.display()
-            )));
+            fail!("{}: is not a sequence; --config and --world apply to sequences only", path.display());
         }
         let flag =
             self.against.as_ref().map(|_| "--against compares").or(self.weights.as_ref().map(|_| "--weights are of"));
         if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
-            return Err(Failure(format!("{}: is no volume; {flag} volumes only", path.display())));
+            fail!("{}: is no volume; {flag} volumes only", path.display());
         }
         if !matches!(kind, Kind::Session) && self.repair.is_some() {
-            return Err(Failure(format!("{}: is not a session; --repair applies to sessions only", path.display())));
+            fail!("{}: is not a session; --repair applies to sessions only", path.display());
         }
         Ok(match kind {
             Kind::Session => Report::Session(Box::new(SessionReport::read(path, self.repair.as_deref())?)),
@@ -147,7 +140,7 @@ impl Arguments {
 fn kind(path: &Path) -> Result<Kind, Failure> {
     let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
     if std::fs::metadata(path).map_err(failed)?.is_dir() {
-        return Err(Failure(format!("{}: is a folder; give a file", path.display())));
+        fail!("{}: is a folder; give a file", path.display());
     }
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(failed)?;

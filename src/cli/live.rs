@@ -106,11 +106,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Ok(writeln!(out, "{:#}", schema::json())?);
     }
     let Some(path) = &arguments.config else {
-        return Err(Failure(
+        fail!(
             "--config: is missing; give a session configuration. `sonoweave live --example virtual` prints one without \
             hardware"
-                .into(),
-        ));
+        );
     };
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     if !arguments.check {

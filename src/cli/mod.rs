@@ -10,6 +10,7 @@ mod igtl;
 pub mod inspect;
 pub mod live;
 pub mod phantom;
+mod print;
 mod progress;
 pub mod reconstruct;
 pub mod render;

@@ -207,13 +207,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     fn settings(&self) -> Result<ScanSettings, Failure> {
         if !(self.rate.is_finite() && (1e-3..=1e6).contains(&self.rate)) {
-            return Err(Failure(format!("--rate {}: must lie between 0.001 and 1000000 pictures a second", self.rate)));
+            fail!("--rate {}: must lie between 0.001 and 1000000 pictures a second", self.rate);
         }
         if !self.grey.is_finite() {
-            return Err(Failure(format!("--grey {}: must be finite", self.grey)));
+            fail!("--grey {}: must be finite", self.grey);
         }
         if !(self.grain.is_finite() && self.grain > 0.0) {
-            return Err(Failure(format!("--grain {}: must be a positive, finite length in mm", self.grain)));
+            fail!("--grain {}: must be a positive, finite length in mm", self.grain);
         }
         let options = SceneOptions {
             grey: self.grey,
@@ -224,12 +224,11 @@ impl Arguments {
         };
         let shown = self.echoes.content(self.scene, options);
         if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some() || self.phantom.is_some()) {
-            return Err(Failure(
+            fail!(
                 "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom need a \
                 simulated scanner; leave them out, or give --scene doll, thigh, n-wire, cross-wire, tank-floor or \
                 stylus"
-                    .into(),
-            ));
+            );
         }
         let scanner = shown.scanned().map(|scanned| scanned.scanner);
         if let Some(scanner) = scanner {
@@ -292,7 +291,7 @@ impl Arguments {
         for (n, path) in outputs.iter().enumerate() {
             input::check_output(path)?;
             if outputs[..n].contains(path) {
-                return Err(Failure(format!("{}: is the name of two outputs; give another name", path.display())));
+                fail!("{}: is the name of two outputs; give another name", path.display());
             }
         }
         for path in [&self.truth, &self.truth_blurred].into_iter().flatten() {

@@ -75,20 +75,16 @@ impl Arguments {
         }
         if let Some(what) = self.view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe))
         {
-            return Err(Failure(format!(
-                "--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`",
-                what.name()
-            )));
+            fail!("--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`", what.name());
         }
         if self.view_flags.mode == Mode::Slice && self.turntable.is_some() {
-            return Err(Failure("--turntable: does not apply to --mode slice; leave it out".into()));
+            fail!("--turntable: does not apply to --mode slice; leave it out");
         }
         if self.view_flags.planar.wants_weights() && self.weights.is_none() {
-            return Err(Failure(
+            fail!(
                 "--overlay weight: the volume's file has no weights; give --weights with a file from `reconstruct \
                 --weights`"
-                    .into(),
-            ));
+            );
         }
         self.view_flags.look()
     }

@@ -131,19 +131,13 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
         };
     }
     if arguments.console.is_some() {
-        return Err(Failure(
-            "--console: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
-        ));
+        fail!("--console: applies to recorded sessions only; a sequence is reconstructed without pause");
     }
     if arguments.sharing.is_requested() {
-        return Err(Failure(
-            "--igtl: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
-        ));
+        fail!("--igtl: applies to recorded sessions only; a sequence is reconstructed without pause");
     }
     if arguments.all {
-        return Err(Failure(
-            "--all: has no effect for a sequence, whose frames are never dropped; leave it out".into(),
-        ));
+        fail!("--all: has no effect for a sequence, whose frames are never dropped; leave it out");
     }
     let (request, mut sweep) = {
         let Arguments { sequence, output, flags, .. } = arguments;
@@ -205,11 +199,11 @@ impl Arguments {
             "igtl_wait",
         ];
         if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
-            return Err(Failure(format!(
+            fail!(
                 "--{}: a session is replayed with its recorded configuration; to try another, give --config with a \
                 session configuration",
                 flag.replace('_', "-")
-            )));
+            );
         }
         Ok(ReplayRequest {
             session: &self.sequence,
@@ -232,11 +226,10 @@ impl Arguments {
     /// request without pictures or with impossible ones.
     fn look(&self) -> Result<(Look, Option<Series>), Failure> {
         if self.picture.is_none() && self.pictures.is_none() {
-            return Err(Failure(
+            fail!(
                 "there is nothing to draw: give --picture for the last picture, or --pictures for all pictures; or use \
                 `reconstruct`"
-                    .into(),
-            ));
+            );
         }
         if let Some(path) = &self.picture {
             input::check_png(path)?;
@@ -249,7 +242,7 @@ impl Arguments {
             let other =
                 [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
             if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
-                return Err(Failure(format!("{flag}: applies to rays, and --mode slice has none; leave it out")));
+                fail!("{flag}: applies to rays, and --mode slice has none; leave it out");
             }
             if self.from == SourceName::Raw && self.look.planar.wants_weights() {
                 return Err(Failure(
@@ -266,7 +259,7 @@ impl Arguments {
     fn on_the_way(&self) -> Result<Option<Series>, Failure> {
         let Some(folder) = &self.pictures else { return Ok(None) };
         if !folder.is_dir() {
-            return Err(Failure(format!("--pictures {}: the folder does not exist; make it first", folder.display())));
+            fail!("--pictures {}: the folder does not exist; make it first", folder.display());
         }
         Ok(Some(Series { folder: folder.clone(), every: self.every }))
     }

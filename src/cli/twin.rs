@@ -120,7 +120,7 @@ fn share(text: &str) -> Result<f64, String> {
 /// Converts a duration to ns. Refuses durations that are negative, or longer than 1e6 units.
 fn ns(flag: &str, value: f64, unit_ns: i64) -> Result<i64, Failure> {
     if !(0.0..=1e6).contains(&value) {
-        return Err(Failure(format!("--{flag} {value}: must lie between 0 and 1000000")));
+        fail!("--{flag} {value}: must lie between 0 and 1000000");
     }
     Ok((value * unit_ns as f64).round() as i64)
 }
@@ -144,7 +144,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
     let duration = out_of("duration", arguments.duration)?;
     let every = out_of("unplug-every", arguments.unplug_every)?;
     if every.is_some_and(|every| every < SECOND / 10) {
-        return Err(Failure("--unplug-every: must be 0.1 s or more".into()));
+        fail!("--unplug-every: must be 0.1 s or more");
     }
     let ports = arguments.ports(begin_ns)?;
     let mut links: Vec<Option<Link>> = (1..)
@@ -187,7 +187,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
             // The terminals close first: an unplugged unit must not reach its host.
             lines.clear();
             for Port { machine, .. } in &ports {
-                machine.lock().unwrap_or_else(PoisonError::into_inner).pull();
+                machine.lock().unwrap_or_else(PoisonError::into_inner).unplug();
             }
             writeln!(out, "unplugged for {} s", OUT / SECOND)?;
             turns_ns = Some(now_ns + OUT);
@@ -196,7 +196,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
     }
     drop(lines);
     note_commands(&ports, &mut commands);
-    let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).tally());
+    let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).wire().tally());
     let seconds = (Monotonic.now_ns() - begin_ns) as f64 / SECOND as f64;
     out.write_all(summary(seconds, tally.fold(Tally::default(), |sum, each| sum + each), &commands).as_bytes())?;
     Ok(())
@@ -318,7 +318,7 @@ impl Drop for Link {
 impl Arguments {
     fn faults(&self) -> Result<Faults, Failure> {
         if !(-1e5..=1e5).contains(&self.drift) {
-            return Err(Failure(format!("--drift {}: must be at most 100000 parts in a million", self.drift)));
+            fail!("--drift {}: must be at most 100000 parts in a million", self.drift);
         }
         Ok(Faults {
             seed: self.seed,
@@ -351,18 +351,14 @@ impl Arguments {
         let states = self.unit.states();
         if !states.contains(&self.found) {
             let states: Vec<String> = states.iter().map(|found| name(*found)).collect();
-            return Err(Failure(format!(
-                "--found {}: is not possible for {unit}; give one of {}",
-                name(self.found),
-                states.join(", ")
-            )));
+            fail!("--found {}: is not possible for {unit}; give one of {}", name(self.found), states.join(", "));
         }
         match self.rate {
             Some(_) if rates.is_empty() => {
-                return Err(Failure(format!("--rate: {unit} has a fixed rate; leave it out")));
+                fail!("--rate: {unit} has a fixed rate; leave it out");
             }
             Some(rate) if !rates.contains(&rate) => {
-                return Err(Failure(format!("--rate {rate}: {unit} supports {rates:?} readings a second only")));
+                fail!("--rate {rate}: {unit} supports {rates:?} readings a second only");
             }
             _ => {}
         }
@@ -408,7 +404,7 @@ impl Arguments {
             None => motion,
             Some(TrackerNoise { position_mm, rotation_degrees }) => {
                 if ![position_mm, rotation_degrees].iter().all(|sd| (0.0..=100.0).contains(sd)) {
-                    return Err(Failure("--noise: both standard deviations must lie between 0 and 100".into()));
+                    fail!("--noise: both standard deviations must lie between 0 and 100");
                 }
                 trembling(motion, position_mm, rotation_degrees, self.seed)
             }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use glam::{DQuat, DVec3};
-use sonoweave::devices::{self, Devices};
+use sonoweave::app::devices::{self, Devices};
 
 use config::bedside::Bedside;
 use drivers::simulated::{Faults, Joints, ea1};

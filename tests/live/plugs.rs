@@ -45,7 +45,7 @@ impl<P: Machine + 'static> Line<P> {
     }
 
     pub(crate) fn pull(&mut self) {
-        self.twin.lock().unwrap().pull();
+        self.twin.lock().unwrap().unplug();
         self.pty = None;
         std::fs::remove_file(self.path()).unwrap();
     }

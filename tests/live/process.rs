@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use sonoweave::devices;
+use sonoweave::app::devices;
 use tempfile::TempDir;
 
 use config::bedside::Bedside;

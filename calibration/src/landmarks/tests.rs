@@ -4,8 +4,8 @@
 
 use super::*;
 use crate::error::LandmarksError;
-use crate::least_squares::check_jacobian;
-use crate::noise::{Noise, mahalanobis};
+use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::noise::{Noise, mahalanobis};
 
 const TIP: DVec3 = DVec3::new(4.0, -2.0, 140.0);
 const RATE_HZ: f64 = 20.0;

@@ -30,7 +30,7 @@ pub(super) fn variance_of_sum(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::Noise as Random;
+    use crate::tests::noise::Noise as Random;
 
     /// Sums of 300 values with correlation a from one to the next have n·(1 + a)/(1 − a) times
     /// the variance of one value.

@@ -147,7 +147,7 @@ fn principal_axes(symmetric: DMat3) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::Noise as Random;
+    use crate::tests::noise::Noise as Random;
 
     #[test]
     fn axes_match_turned_ellipsoid() {

@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn noise_is_found_beside_motion() {
-        let mut random = crate::noise::Noise::new(3);
+        let mut random = crate::tests::noise::Noise::new(3);
         let samples = uneven(2000).into_iter().map(|t| (t, [20.0 * (0.5 * t).sin() + 0.2 * random.normal()]));
         let [noise] = Spline::new(samples.collect(), 1.0).unwrap().noise();
         assert!((noise - 0.2).abs() < 0.02, "{noise}");

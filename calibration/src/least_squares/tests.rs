@@ -2,10 +2,14 @@
 
 #![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
+pub(crate) mod jacobian;
+
 use glam::{DMat3, DQuat, DVec3};
 
+use jacobian::check_jacobian;
+
 use super::*;
-use crate::noise::{Noise as Random, mahalanobis};
+use crate::tests::noise::{Noise as Random, mahalanobis};
 
 /// Fits points of one frame to their images in another: turned, scaled along the axes and
 /// shifted. It uses all kinds of blocks at once.

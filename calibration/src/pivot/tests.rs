@@ -7,8 +7,8 @@ use glam::{DAffine3, DQuat};
 use sonoweave_core::frames::Reference;
 
 use super::*;
-use crate::least_squares::check_jacobian;
-use crate::noise::{Noise, mahalanobis};
+use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::noise::{Noise, mahalanobis};
 
 const TIP: DVec3 = DVec3::new(108.565, 7.774, 2.539);
 const PIVOT: DVec3 = DVec3::new(-310.0, 42.0, 95.0);

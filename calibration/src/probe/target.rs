@@ -31,8 +31,6 @@ mod planes;
 mod points;
 mod predicted;
 pub mod refine;
-#[cfg(test)]
-mod simulated;
 mod validation;
 
 pub use calibrate::{Calibration, calibrate};

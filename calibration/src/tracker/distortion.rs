@@ -197,7 +197,7 @@ mod tests {
     use glam::DMat3;
 
     use super::*;
-    use crate::noise::Noise;
+    use crate::tests::noise::Noise;
 
     /// Simulates a piece carried through a room; metal displaces measurements within about 80
     /// mm of it.

@@ -110,7 +110,7 @@ pub(super) fn mean_rotation(poses: &[DAffine3]) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::Noise as Random;
+    use crate::tests::noise::Noise as Random;
 
     fn lying(poses: usize, mm: f64, degrees: f64, drift_mm: f64) -> Vec<DAffine3> {
         let mut random = Random::new(5);

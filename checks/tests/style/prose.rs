@@ -8,9 +8,9 @@ use crate::sources::Source;
 pub(crate) fn check(source: &Source) -> Vec<Finding> {
     let path = source.path.as_str();
     let lines = match path.rsplit('.').next() {
-        Some("md") => markdown(&source.text),
-        Some("js") => comments(&source.text, "//"),
-        Some("sh" | "py" | "toml") => comments(&source.text, "#"),
+        Some("md") => markdown(source.text),
+        Some("js") => comments(source.text, "//"),
+        Some("sh" | "py" | "toml") => comments(source.text, "#"),
         _ => return Vec::new(),
     };
     let all: Vec<&str> = source.text.lines().collect();

@@ -33,11 +33,13 @@ pub mod error;
 mod grid;
 pub mod named;
 pub mod paint;
-#[cfg(test)]
-mod quadrature;
 mod random;
 pub mod scan;
 pub mod scene;
+#[cfg(test)]
+mod tests {
+    pub(crate) mod quadrature;
+}
 pub mod trajectory;
 pub mod truth;
 

@@ -16,6 +16,17 @@ macro_rules! both {
     };
 }
 
+/// Methods that are one intrinsic of two operands, applied to both registers.
+macro_rules! of_two {
+    ($($name:ident = $intrinsic:ident;)*) => {
+        $(#[inline(always)]
+        unsafe fn $name(self, other: Self) -> Self {
+            // SAFETY: as for the trait.
+            Self(unsafe { both!($intrinsic, self.0, other.0) })
+        })*
+    };
+}
+
 /// Loads two patches' rows side by side, each `down` elements after its pointer.
 #[inline(always)]
 unsafe fn side_by_side(at: [*const u32; 2], down: usize) -> __m256i {
@@ -67,40 +78,18 @@ unsafe impl Lanes for Avx2 {
             _mm256_storeu_ps(to.add(8), self.0[1]);
         }
     }
-    #[inline(always)]
-    unsafe fn add(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_add_ps, self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn sub(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_sub_ps, self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn mul(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_mul_ps, self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn div(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_div_ps, self.0, other.0) })
+    of_two! {
+        add = _mm256_add_ps;
+        sub = _mm256_sub_ps;
+        mul = _mm256_mul_ps;
+        div = _mm256_div_ps;
+        min = _mm256_min_ps;
+        max = _mm256_max_ps;
     }
     #[inline(always)]
     unsafe fn mul_add(self, a: Self, b: Self) -> Self {
         // SAFETY: as for the trait.
         unsafe { Self([_mm256_fmadd_ps(self.0[0], a.0[0], b.0[0]), _mm256_fmadd_ps(self.0[1], a.0[1], b.0[1])]) }
-    }
-    #[inline(always)]
-    unsafe fn min(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_min_ps, self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn max(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { both!(_mm256_max_ps, self.0, other.0) })
     }
     #[inline(always)]
     unsafe fn floor(self) -> Self {

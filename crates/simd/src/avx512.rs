@@ -9,6 +9,17 @@ use super::lanes::{Lanes, SQRT_HALF_BITS};
 #[derive(Clone, Copy)]
 pub struct Avx512(__m512);
 
+/// Methods that are one intrinsic of two operands.
+macro_rules! of_two {
+    ($($name:ident = $intrinsic:ident;)*) => {
+        $(#[inline(always)]
+        unsafe fn $name(self, other: Self) -> Self {
+            // SAFETY: as for the trait.
+            Self(unsafe { $intrinsic(self.0, other.0) })
+        })*
+    };
+}
+
 /// Loads four patches' rows side by side, each `down` elements after its pointer: lanes 0–3
 /// from the first, 4–7 from the second, and so on.
 #[inline(always)]
@@ -60,40 +71,18 @@ unsafe impl Lanes for Avx512 {
         // SAFETY: as for the trait.
         unsafe { _mm512_storeu_ps(to, self.0) }
     }
-    #[inline(always)]
-    unsafe fn add(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_add_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn sub(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_sub_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn mul(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_mul_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn div(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_div_ps(self.0, other.0) })
+    of_two! {
+        add = _mm512_add_ps;
+        sub = _mm512_sub_ps;
+        mul = _mm512_mul_ps;
+        div = _mm512_div_ps;
+        min = _mm512_min_ps;
+        max = _mm512_max_ps;
     }
     #[inline(always)]
     unsafe fn mul_add(self, a: Self, b: Self) -> Self {
         // SAFETY: as for the trait.
         Self(unsafe { _mm512_fmadd_ps(self.0, a.0, b.0) })
-    }
-    #[inline(always)]
-    unsafe fn min(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_min_ps(self.0, other.0) })
-    }
-    #[inline(always)]
-    unsafe fn max(self, other: Self) -> Self {
-        // SAFETY: as for the trait.
-        Self(unsafe { _mm512_max_ps(self.0, other.0) })
     }
     #[inline(always)]
     unsafe fn floor(self) -> Self {

@@ -19,6 +19,6 @@ mod model;
 pub mod qsb;
 pub mod settings;
 
-pub use driver::ArmDriver;
+pub use driver::open;
 pub use model::{ArmSettings, Model};
 pub use settings::Settings;

@@ -10,7 +10,7 @@ use crate::Listing;
 
 /// Lists every node that captures video, by number. Other nodes (metadata of UVC frames, outputs)
 /// are omitted.
-pub(crate) fn list() -> Vec<Listing> {
+pub fn list() -> Vec<Listing> {
     nodes().iter().filter_map(|path| listing(path)).collect()
 }
 

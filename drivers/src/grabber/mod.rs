@@ -22,32 +22,5 @@ pub(crate) mod v4l2;
 
 pub use device::Grabber;
 pub use interlace::Interlace;
+pub use list::list;
 pub use settings::{GrabberSettings, Standard};
-
-use std::sync::Arc;
-
-use sonoweave_core::Device;
-use sonoweave_core::clock::Monotonic;
-
-use crate::{Driver, Error, Listing, OpenSettings};
-
-/// Opens frame grabbers and all other video devices of Linux.
-#[derive(Debug)]
-pub struct GrabberDriver;
-
-impl Driver for GrabberDriver {
-    fn name(&self) -> &'static str {
-        "grabber"
-    }
-
-    fn list(&self) -> Vec<Listing> {
-        list::list()
-    }
-
-    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
-        let OpenSettings::Grabber(settings) = settings else {
-            return Err(Error::OtherDriver(self.name()));
-        };
-        Ok(Box::new(Grabber::new(settings.clone(), Arc::new(Monotonic))?))
-    }
-}

@@ -1,60 +1,41 @@
-//! Driver of OpenIGTLink servers.
+//! Finds and opens OpenIGTLink servers.
 
 use std::sync::Arc;
 
 use sonoweave_core::Device;
-use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::clock::Clock;
 
 use super::client::{Client, RemoteSettings};
-use crate::Error;
 use crate::connection::Connection;
 use crate::transport::TcpOpener;
-use crate::{Driver, Listing, OpenSettings};
+use crate::{Error, Listing};
 
 /// The registered port of the protocol.
 pub const PORT: u16 = 18944;
 
-/// The driver of OpenIGTLink servers.
-pub struct RemoteDriver;
-
-impl RemoteDriver {
-    /// Opens a server with the given clock, which must advance by itself.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] for invalid settings.
-    pub fn open_with(settings: &RemoteSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
-        let client = Client::new(settings.clone())?;
-        let opener = TcpOpener::new(&settings.address, Arc::clone(&clock));
-        Ok(Box::new(Connection::new(Box::new(opener), clock, client, false)))
-    }
+/// Opens a server with the given clock, which must advance by itself.
+///
+/// # Errors
+/// [`Error::Setting`] for invalid settings.
+pub fn open(settings: &RemoteSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+    let client = Client::new(settings.clone())?;
+    let opener = TcpOpener::new(&settings.address, Arc::clone(&clock));
+    Ok(Box::new(Connection::new(Box::new(opener), clock, client, false)))
 }
 
-impl Driver for RemoteDriver {
-    fn name(&self) -> &'static str {
-        "openigtlink"
-    }
-
-    /// Lists the server on this machine, at the usual port, if the kernel reports a listening
-    /// socket. Connects to no server.
-    fn list(&self) -> Vec<Listing> {
-        let listens = ["/proc/net/tcp", "/proc/net/tcp6"]
-            .iter()
-            .filter_map(|path| std::fs::read_to_string(path).ok())
-            .any(|table| listens(&table, PORT));
-        let listing = || Listing {
-            id: format!("openigtlink:127.0.0.1:{PORT}"),
-            description: "OpenIGTLink server on this machine".into(),
-            unavailable: None,
-        };
-        listens.then(listing).into_iter().collect()
-    }
-
-    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
-        match settings {
-            OpenSettings::Remote(settings) => Self::open_with(settings, Arc::new(Monotonic)),
-            _ => Err(Error::OtherDriver(self.name())),
-        }
-    }
+/// Lists the server on this machine, at the usual port, if the kernel reports a listening
+/// socket. Connects to no server.
+pub fn list() -> Vec<Listing> {
+    let listens = ["/proc/net/tcp", "/proc/net/tcp6"]
+        .iter()
+        .filter_map(|path| std::fs::read_to_string(path).ok())
+        .any(|table| listens(&table, PORT));
+    let listing = || Listing {
+        id: format!("openigtlink:127.0.0.1:{PORT}"),
+        description: "OpenIGTLink server on this machine".into(),
+        unavailable: None,
+    };
+    listens.then(listing).into_iter().collect()
 }
 
 /// Returns whether the kernel's table of sockets has one that listens at a port.
@@ -70,6 +51,8 @@ fn listens(table: &str, port: u16) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use sonoweave_core::clock::Manual;
+
     use super::*;
 
     #[test]
@@ -82,7 +65,7 @@ mod tests {
 
     #[test]
     fn invalid_settings_are_refused() {
-        let refused = |settings| match RemoteDriver.open(&OpenSettings::Remote(settings)).err().unwrap() {
+        let refused = |settings| match open(&settings, Arc::new(Manual::at(0))).err().unwrap() {
             Error::Setting { device: "remote", setting, problem } => (setting, problem),
             other => panic!("{other}"),
         };
@@ -99,7 +82,5 @@ mod tests {
         let transforms = Some(super::super::RemoteTransforms { names, interval_ms: 0 });
         let (setting, why) = refused(RemoteSettings { address, transforms, pictures: None });
         assert!(setting == "transforms" && why.contains("has 30 bytes"), "{why}");
-        let other = RemoteDriver.open(&OpenSettings::sequence("x.mha")).err();
-        assert!(matches!(other, Some(Error::OtherDriver(_))));
     }
 }

@@ -39,7 +39,7 @@ pub mod words;
 
 pub use client::{Client, RemotePictures, RemoteSettings, RemoteTransforms};
 pub use cursor::Fault;
-pub use driver::RemoteDriver;
+pub use driver::{list, open};
 pub use extended::{Datum, Text};
 pub use fixed::{Fixed, Unfit};
 pub use header::{Header, TimeStamp, Version};

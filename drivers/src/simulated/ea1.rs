@@ -3,9 +3,8 @@
 
 use sonoweave_core::clock::{MS, SECOND};
 
-use super::{Faults, Joints, Wire};
+use super::{Faults, Joints, Machine, Wire};
 use crate::arm::ea1::{AXES, Command, Framing, Identity, Record, Sample, error, flag};
-use crate::transport::{LineError, Peer};
 
 /// Time from power-on to the identity, ns: the boot loader first waits for a new program.
 pub const START: i64 = 1_600 * MS;
@@ -15,9 +14,8 @@ const INPUT: usize = 64;
 /// The arm. Its fields are the state in which it was left.
 pub struct Twin {
     joints: Joints,
-    wire: Wire,
-    /// Bits per second.
-    pub baud: u32,
+    /// Its line.
+    pub wire: Wire,
     /// Opening the line restarts it, as with most boards.
     pub starts_when_opened: bool,
     /// Samples per second; 0 for none.
@@ -42,12 +40,6 @@ pub struct Twin {
     pub seq: u32,
     /// Samples taken.
     pub sampled: u64,
-    /// Commands obeyed so far, as bytes.
-    pub obeyed: Vec<Vec<u8>>,
-    /// It has power and is plugged in.
-    pub plugged: bool,
-    /// It stays silent, like a program that hangs.
-    pub hung: bool,
     /// Number of further pings whose answers are lost.
     pub mute_pings: u32,
     input: Vec<u8>,
@@ -67,8 +59,7 @@ impl Twin {
     pub fn new(joints: Joints, faults: Faults) -> Self {
         Self {
             joints,
-            wire: Wire::new(faults),
-            baud: 115_200,
+            wire: Wire::new(115_200, faults),
             starts_when_opened: true,
             rate_hz: 0,
             framing: Framing::Lines,
@@ -81,9 +72,6 @@ impl Twin {
             zeros: [0; AXES],
             seq: 0,
             sampled: 0,
-            obeyed: Vec::new(),
-            plugged: true,
-            hung: false,
             mute_pings: 0,
             input: Vec::new(),
             busy_ns: i64::MIN,
@@ -93,22 +81,6 @@ impl Twin {
             before: [0; AXES],
             overrun: false,
         }
-    }
-
-    /// Returns its wire, for the statistics of its bytes.
-    pub(super) fn wire(&self) -> &Wire {
-        &self.wire
-    }
-
-    /// Replaces the faults.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.wire.set_faults(faults);
-    }
-
-    /// Unplugs it and cuts its power: its state is lost.
-    pub fn unplug(&mut self) {
-        self.plugged = false;
-        self.wire.cut();
     }
 
     /// Restarts it, as by its reset button.
@@ -148,18 +120,12 @@ impl Twin {
     fn send(&mut self, record: &Record<'_>, line_baud: u32, now_ns: i64) {
         let mut bytes = Vec::new();
         record.write(&mut bytes);
-        let garbled = line_baud != 0 && line_baud != self.baud;
-        self.wire.send(&bytes, self.baud, garbled, now_ns);
+        self.wire.send(&bytes, line_baud, now_ns);
     }
 
     fn period(&self) -> i64 {
         let own_second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
         (own_second / f64::from(self.rate_hz.max(1))) as i64
-    }
-
-    /// Puts bytes on the line before anything else: the rest of a truncated sample.
-    pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
-        self.wire.send(bytes, self.baud, false, now_ns);
     }
 
     fn latch(&mut self, at_ns: i64) -> Sample {
@@ -210,31 +176,9 @@ impl Twin {
         self.send(&Record::Identity(identity), line_baud, now_ns);
     }
 
-    /// Returns the time of its next own action.
-    fn turn(&self) -> Option<i64> {
-        match (self.plugged && !self.hung, self.identity_is_due) {
-            (false, _) => None,
-            (true, true) => Some(self.busy_ns),
-            (true, false) => (self.rate_hz != 0).then_some(self.next_ns.max(self.busy_ns)),
-        }
-    }
-
-    fn go_on(&mut self, line_baud: u32, until_ns: i64) {
-        while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
-            if std::mem::take(&mut self.identity_is_due) {
-                if !self.bare {
-                    self.identity(line_baud, at);
-                }
-                continue;
-            }
-            self.next_ns = at + self.period();
-            self.sample(line_baud, at);
-        }
-    }
-
     fn obey(&mut self, command: Result<Command, u32>, line_baud: u32, now_ns: i64) {
         if let Ok(command) = &command {
-            self.obeyed.push(command.bytes());
+            self.wire.obeyed.push(command.bytes());
         }
         match command {
             Ok(Command::Identify) => self.identity(line_baud, now_ns),
@@ -261,7 +205,7 @@ impl Twin {
             }
             Ok(Command::Stream(framing, hz)) => {
                 let bytes = if framing == Framing::Lines { 45 } else { 29 };
-                if i64::from(hz) * bytes * 10 > i64::from(self.baud) {
+                if i64::from(hz) * bytes * 10 > i64::from(self.wire.baud) {
                     return self.send(&Record::Error(error::TOO_FAST), line_baud, now_ns);
                 }
                 (self.framing, self.rate_hz) = (framing, hz);
@@ -272,58 +216,65 @@ impl Twin {
     }
 }
 
-impl Peer for Twin {
-    fn open(&mut self, now_ns: i64) -> Result<(), LineError> {
-        if !self.plugged {
-            return Err(LineError::Absent("no such file".into()));
-        }
+impl Machine for Twin {
+    fn wire(&mut self) -> &mut Wire {
+        &mut self.wire
+    }
+
+    fn opened(&mut self, now_ns: i64) {
         if self.starts_when_opened && !self.bare {
             self.restart(now_ns);
         }
-        Ok(())
     }
 
-    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
-        if !self.plugged || self.hung || now_ns < self.busy_ns {
+    fn plug_in(&mut self, now_ns: i64) {
+        self.wire.plugged = true;
+        self.restart(now_ns);
+    }
+
+    fn hear(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) {
+        if now_ns < self.busy_ns {
             return;
         }
-        self.go_on(baud, now_ns);
-        if self.bare || (baud != 0 && baud != self.baud) {
+        self.act(line_baud, now_ns);
+        if self.bare || self.wire.mistakes(line_baud) {
             return;
         }
         self.input.extend_from_slice(bytes);
         while let Some((command, taken)) = Command::read(&self.input) {
             self.input.drain(..taken);
-            self.obey(command, baud, now_ns);
+            self.obey(command, line_baud, now_ns);
         }
         if self.input.len() > INPUT {
             self.input.clear();
         }
     }
 
-    fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
-        if !self.plugged {
-            return Err(LineError::Gone("unplugged".into()));
-        }
+    fn awaited(&mut self, now_ns: i64) {
         if self.next_ns < now_ns - SECOND {
             // The host was not listening: the samples in between are lost.
             self.next_ns = now_ns;
         }
-        loop {
-            // Advances only to the first byte that the host waits for, because the host's answer
-            // may change everything after it.
-            match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
-                _ => {}
-            }
-            match self.turn() {
-                Some(at) if at <= until_ns => self.go_on(baud, at),
-                _ => return Ok(None),
-            }
+    }
+
+    fn turn(&self) -> Option<i64> {
+        match (self.wire.plugged && !self.wire.hung, self.identity_is_due) {
+            (false, _) => None,
+            (true, true) => Some(self.busy_ns),
+            (true, false) => (self.rate_hz != 0).then_some(self.next_ns.max(self.busy_ns)),
         }
     }
 
-    fn due(&self, _now_ns: i64) -> Option<i64> {
-        [self.wire.due(), self.turn()].into_iter().flatten().min()
+    fn act(&mut self, line_baud: u32, until_ns: i64) {
+        while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
+            if std::mem::take(&mut self.identity_is_due) {
+                if !self.bare {
+                    self.identity(line_baud, at);
+                }
+                continue;
+            }
+            self.next_ns = at + self.period();
+            self.sample(line_baud, at);
+        }
     }
 }

@@ -6,7 +6,6 @@ use sonoweave_core::clock::SECOND;
 use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, reported_cm};
 use super::{Faults, Motion, Placed};
 use crate::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Rate, Stations};
-use crate::tracker::polhemus::liberty::text::Line;
 use crate::tracker::polhemus::liberty::{Header, Layout, MOST_STATIONS, Pose, Reply, Tag};
 
 /// Time from the middle of the measurement to the first byte, ns.
@@ -22,6 +21,7 @@ const STATIONS: usize = MOST_STATIONS as usize;
 pub type Twin = Simulated<Liberty>;
 
 /// The unit. Its fields are the state in which it was left.
+#[derive(Default)]
 pub struct Liberty {
     /// Model. A PATRIOT has one rate and no buffer.
     pub tag: Tag,
@@ -69,26 +69,14 @@ impl Twin {
     /// sensor, quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Liberty {
-            tag: Tag::Liberty,
-            binary: false,
-            centimetres: false,
-            continuous: false,
             hz: 240.0,
             list: vec![2, 4, 1],
             active: 1,
             hemispheres: [[1.0, 0.0, 0.0]; STATIONS],
-            errors: [0; STATIONS],
-            distortion: 0,
-            switch: 0,
             filters: [[0.2, 0.2, 0.8, 0.95]; 2],
             buffers: true,
-            echoes: false,
-            zero: 0,
             early: 10,
-            stubborn: 0,
-            deaf: false,
-            frame: 0,
-            since_start: 0,
+            ..Liberty::default()
         };
         Self::of(unit, motion, faults)
     }
@@ -108,8 +96,10 @@ impl Liberty {
             Reply { header: Header { tag: self.tag, station, command, error }, body }.write(&mut answer);
         } else {
             let error = if error == 0 { b' ' } else { b'0' + error };
-            let text = body.escape_ascii().to_string();
-            Line::Reply { station, command, error, body: text.as_bytes() }.write(&mut answer);
+            answer.extend(format!("{station:02}").bytes());
+            answer.extend([command, error, b' ']);
+            answer.extend(body.escape_ascii());
+            answer.extend(b"\r\n");
         }
         UnitAction::Send(answer)
     }
@@ -224,10 +214,9 @@ impl Model for Liberty {
             if self.binary {
                 pose.write(&layout, &mut record);
             } else {
-                let error = pose.header.error.max(b' ');
-                Line::Measurement { station, error }.write(&mut record);
+                let error = char::from(pose.header.error.max(b' '));
                 let columns = pose.position.unwrap_or_default().map(|x| format!("{x:8.3} ")).concat();
-                record.splice(record.len() - 2..record.len() - 2, columns.bytes());
+                record.extend(format!("{station:02}{error} {columns}\r\n").bytes());
             }
             records.push(record);
         }

@@ -4,9 +4,8 @@
 use sonoweave_core::clock::MS;
 use sonoweave_core::reading::AXES;
 
-use super::{Faults, Joints, Wire};
+use super::{Faults, Joints, Machine, Wire};
 use crate::arm::microscribe::{BEGIN, Family, Question, Request, SIGNATURE, Sample};
-use crate::transport::{LineError, Peer};
 
 /// Time from a request to the first byte of its answer, ns.
 const THINKS: i64 = 3 * MS / 10;
@@ -27,11 +26,10 @@ pub enum Session {
 /// The device. Its fields are the state in which it was left.
 pub struct Twin {
     joints: Joints,
-    wire: Wire,
+    /// Its line, at the rate of the session.
+    pub wire: Wire,
     /// The fastest rate that it detects, bits per second.
     pub fastest_baud: u32,
-    /// Rate of the session, bits per second.
-    pub baud: u32,
     /// State of the session.
     pub session: Session,
     /// Encoder values at home.
@@ -45,14 +43,8 @@ pub struct Twin {
     /// Whether it answers the question about its links. It never answers the one about its home
     /// reference, like later firmware.
     pub answers_links: bool,
-    /// Bytes obeyed so far.
-    pub obeyed: Vec<u8>,
     /// Times of the samples sent, ns.
     pub sampled: Vec<i64>,
-    /// It is plugged in.
-    pub plugged: bool,
-    /// It stays silent.
-    pub hung: bool,
     input: Vec<u8>,
 }
 
@@ -62,38 +54,17 @@ impl Twin {
         let home = [8192, 12_000, 14_000, 5000, 0, 16_383];
         Self {
             joints,
-            wire: Wire::new(faults),
+            wire: Wire::new(9600, faults),
             fastest_baud: 115_200,
-            baud: 9600,
             session: Session::None,
             home,
             offsets: home,
             maxima: [16_383, 16_383, 8191, 8191, 8191, 4095],
             buttons: 0,
             answers_links: true,
-            obeyed: Vec::new(),
             sampled: Vec::new(),
-            plugged: true,
-            hung: false,
             input: Vec::new(),
         }
-    }
-
-    /// Returns its wire, for the statistics of its bytes.
-    pub(super) fn wire(&self) -> &Wire {
-        &self.wire
-    }
-
-    /// Replaces the faults.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.wire.set_faults(faults);
-    }
-
-    /// Unplugs its cable; it stays switched on.
-    pub fn unplug(&mut self) {
-        self.plugged = false;
-        self.wire.cut();
-        self.input.clear();
     }
 
     /// Switches it off and on: it takes the present position for home.
@@ -121,8 +92,7 @@ impl Twin {
     }
 
     fn send(&mut self, bytes: &[u8], line_baud: u32, at_ns: i64) {
-        let garbled = line_baud != 0 && line_baud != self.baud;
-        self.wire.send(bytes, self.baud, garbled, at_ns + THINKS);
+        self.wire.send(bytes, line_baud, at_ns + THINKS);
     }
 
     fn answer(&self, question: Question) -> Option<Vec<u8>> {
@@ -150,7 +120,7 @@ impl Twin {
     }
 
     fn obey(&mut self, byte: u8, line_baud: u32, now_ns: i64) {
-        self.obeyed.push(byte);
+        self.wire.obeyed.push(vec![byte]);
         let questions = [
             Question::Parameters,
             Question::Maxima,
@@ -193,30 +163,39 @@ impl Twin {
     }
 }
 
-impl Peer for Twin {
-    fn open(&mut self, _now_ns: i64) -> Result<(), LineError> {
-        if self.plugged { Ok(()) } else { Err(LineError::Absent("no such file".into())) }
+impl Machine for Twin {
+    fn wire(&mut self) -> &mut Wire {
+        &mut self.wire
     }
 
-    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
-        if !self.plugged || self.hung {
-            return;
-        }
+    /// Unplugs its cable; it stays switched on.
+    fn unplug(&mut self) {
+        self.wire.plugged = false;
+        self.wire.cut();
+        self.input.clear();
+    }
+
+    fn take_obeyed(&mut self) -> Vec<Vec<u8>> {
+        self.sampled.clear();
+        std::mem::take(&mut self.wire.obeyed)
+    }
+
+    fn hear(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) {
         for byte in bytes {
             // Outside a session it detects the rate. Within one, bytes at another rate are
             // unreadable, except for the byte that ends the session.
-            if baud != 0 && baud != self.baud {
-                if baud > self.fastest_baud {
+            if self.wire.mistakes(line_baud) {
+                if line_baud > self.fastest_baud {
                     return;
                 }
                 if self.session != Session::None && *byte != 0xc5 {
                     continue;
                 }
-                (self.baud, self.session) = (baud, Session::None);
+                (self.wire.baud, self.session) = (line_baud, Session::None);
                 self.input.clear();
             }
             if self.session == Session::Begun {
-                self.obey(*byte, baud, now_ns);
+                self.obey(*byte, line_baud, now_ns);
                 continue;
             }
             if *byte == 0xc5 {
@@ -228,29 +207,15 @@ impl Peer for Twin {
             if self.session == Session::None && self.input.ends_with(SIGNATURE) {
                 self.session = Session::Signed;
                 self.input.clear();
-                self.send(SIGNATURE, baud, now_ns);
+                self.send(SIGNATURE, line_baud, now_ns);
             } else if self.session == Session::Signed && self.input.ends_with(BEGIN) {
                 self.session = Session::Begun;
                 self.input.clear();
-                self.send(b"MSCR\0", baud, now_ns);
+                self.send(b"MSCR\0", line_baud, now_ns);
             }
             if self.input.len() > 64 {
                 self.input.clear();
             }
         }
-    }
-
-    fn next(&mut self, _baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
-        if !self.plugged {
-            return Err(LineError::Gone("unplugged".into()));
-        }
-        match self.wire.due() {
-            Some(at) if at <= until_ns => Ok(self.wire.receive(at.max(now_ns))),
-            _ => Ok(None),
-        }
-    }
-
-    fn due(&self, _now_ns: i64) -> Option<i64> {
-        self.wire.due()
     }
 }

@@ -131,7 +131,7 @@ mod tests {
             Ok(Some((now_ns, vec![self.number; 1024])))
         }
 
-        fn due(&self, now_ns: i64) -> Option<i64> {
+        fn due(&mut self, now_ns: i64) -> Option<i64> {
             Some(now_ns + MS)
         }
     }

@@ -3,9 +3,8 @@
 
 use sonoweave_core::clock::{MS, SECOND};
 
-use super::{Faults, Joints, Wire};
+use super::{Faults, Joints, Machine, Wire};
 use crate::arm::qsb::{Command, TICK_HZ, register};
-use crate::transport::{LineError, Peer};
 
 /// Time from a reset to its banner, ns.
 const START: i64 = 100 * MS;
@@ -18,9 +17,8 @@ const FORMAT: u32 = 0b0011;
 pub struct Twin {
     joints: Joints,
     axis: usize,
-    wire: Wire,
-    /// Bits per second.
-    pub baud: u32,
+    /// Its line.
+    pub wire: Wire,
     /// Opening the line resets it.
     pub resets_when_opened: bool,
     /// Registers by number.
@@ -35,12 +33,6 @@ pub struct Twin {
     pub born_ns: i64,
     /// Lines streamed, including those lost in transmission.
     pub streamed: u64,
-    /// Commands obeyed so far, as bytes.
-    pub obeyed: Vec<Vec<u8>>,
-    /// It is plugged in.
-    pub plugged: bool,
-    /// It stays silent.
-    pub hung: bool,
     input: Vec<u8>,
     busy_ns: i64,
     banner_is_due: bool,
@@ -58,8 +50,7 @@ impl Twin {
         Self {
             joints,
             axis,
-            wire: Wire::new(faults),
-            baud: 230_400,
+            wire: Wire::new(230_400, faults),
             resets_when_opened: true,
             registers,
             streams: false,
@@ -67,30 +58,11 @@ impl Twin {
             first_tick: 0,
             born_ns: 0,
             streamed: 0,
-            obeyed: Vec::new(),
-            plugged: true,
-            hung: false,
             input: Vec::new(),
             busy_ns: i64::MIN,
             banner_is_due: false,
             next_tick: 0,
         }
-    }
-
-    /// Returns its wire, for the statistics of its bytes.
-    pub(super) fn wire(&self) -> &Wire {
-        &self.wire
-    }
-
-    /// Replaces the faults.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.wire.set_faults(faults);
-    }
-
-    /// Unplugs it.
-    pub fn unplug(&mut self) {
-        self.plugged = false;
-        self.wire.cut();
     }
 
     /// Resets it, as when DTR goes low and high: its count starts at 0 and its clock restarts.
@@ -149,40 +121,15 @@ impl Twin {
         if format & 1 != 0 {
             line.push('\n');
         }
-        let garbled = line_baud != 0 && line_baud != self.baud;
-        self.wire.send(line.as_bytes(), self.baud, garbled, at_ns);
-    }
-
-    fn turn(&self) -> Option<i64> {
-        match (self.plugged && !self.hung, self.banner_is_due) {
-            (false, _) => None,
-            (true, true) => Some(self.busy_ns),
-            (true, false) => self.streams.then(|| self.time_of(self.next_tick)),
-        }
-    }
-
-    fn go_on(&mut self, line_baud: u32, until_ns: i64) {
-        while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
-            if std::mem::take(&mut self.banner_is_due) {
-                self.wire.send(b"QSB-D  0E!\r\n", self.baud, line_baud != 0 && line_baud != self.baud, at);
-                continue;
-            }
-            self.next_tick += i64::from(self.of(register::STREAM_INTERVAL).max(1));
-            self.streamed += 1;
-            if self.wire.withholds() {
-                continue;
-            }
-            let count = self.count(at);
-            self.send(b's', register::COUNT, count, line_baud, at);
-        }
+        self.wire.send(line.as_bytes(), line_baud, at_ns);
     }
 
     fn obey(&mut self, command: Option<Command>, line_baud: u32, now_ns: i64) {
         let Some(command) = command else {
-            self.wire.send(b"e!\r\n", self.baud, line_baud != 0 && line_baud != self.baud, now_ns);
+            self.wire.send(b"e!\r\n", line_baud, now_ns);
             return;
         };
-        self.obeyed.push(command.bytes());
+        self.wire.obeyed.push(command.bytes());
         match command {
             Command::Read(register) => {
                 self.streams = false;
@@ -205,23 +152,28 @@ impl Twin {
     }
 }
 
-impl Peer for Twin {
-    fn open(&mut self, now_ns: i64) -> Result<(), LineError> {
-        if !self.plugged {
-            return Err(LineError::Absent("no such file".into()));
-        }
+impl Machine for Twin {
+    fn wire(&mut self) -> &mut Wire {
+        &mut self.wire
+    }
+
+    fn opened(&mut self, now_ns: i64) {
         if self.resets_when_opened {
             self.reset(now_ns);
         }
-        Ok(())
     }
 
-    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
-        if !self.plugged || self.hung || now_ns < self.busy_ns {
+    fn plug_in(&mut self, now_ns: i64) {
+        self.wire.plugged = true;
+        self.reset(now_ns);
+    }
+
+    fn hear(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) {
+        if now_ns < self.busy_ns {
             return;
         }
-        self.go_on(baud, now_ns);
-        if baud != 0 && baud != self.baud {
+        self.act(line_baud, now_ns);
+        if self.wire.mistakes(line_baud) {
             return;
         }
         self.input.extend_from_slice(bytes);
@@ -229,7 +181,7 @@ impl Peer for Twin {
             let is_empty = self.input[..taken].trim_ascii().is_empty();
             self.input.drain(..taken);
             if !is_empty {
-                self.obey(command, baud, now_ns);
+                self.obey(command, line_baud, now_ns);
             }
         }
         if self.input.len() > INPUT {
@@ -237,29 +189,34 @@ impl Peer for Twin {
         }
     }
 
-    fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
-        if !self.plugged {
-            return Err(LineError::Gone("unplugged".into()));
-        }
+    fn awaited(&mut self, now_ns: i64) {
         if self.streams && self.time_of(self.next_tick) < now_ns - SECOND {
             // The host was not listening: the lines in between are lost.
             self.next_tick = self.ticks(now_ns) + 1;
         }
-        loop {
-            // Advances only to the first byte that the host waits for, because the host's answer
-            // may change everything after it.
-            match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
-                _ => {}
-            }
-            match self.turn() {
-                Some(at) if at <= until_ns => self.go_on(baud, at),
-                _ => return Ok(None),
-            }
+    }
+
+    fn turn(&self) -> Option<i64> {
+        match (self.wire.plugged && !self.wire.hung, self.banner_is_due) {
+            (false, _) => None,
+            (true, true) => Some(self.busy_ns),
+            (true, false) => self.streams.then(|| self.time_of(self.next_tick)),
         }
     }
 
-    fn due(&self, _now_ns: i64) -> Option<i64> {
-        [self.wire.due(), self.turn()].into_iter().flatten().min()
+    fn act(&mut self, line_baud: u32, until_ns: i64) {
+        while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
+            if std::mem::take(&mut self.banner_is_due) {
+                self.wire.send(b"QSB-D  0E!\r\n", line_baud, at);
+                continue;
+            }
+            self.next_tick += i64::from(self.of(register::STREAM_INTERVAL).max(1));
+            self.streamed += 1;
+            if self.wire.withholds() {
+                continue;
+            }
+            let count = self.count(at);
+            self.send(b's', register::COUNT, count, line_baud, at);
+        }
     }
 }

@@ -5,13 +5,10 @@ use std::ops::{Deref, DerefMut};
 
 use sonoweave_core::clock::SECOND;
 
-use super::{Faults, Motion, Placed, Wire};
-use crate::transport::{LineError, Peer};
+use super::{Faults, Machine, Motion, Placed, Wire};
 
 /// Bytes of an unfinished command that are kept.
 const INPUT: usize = 512;
-/// Rate that gives the time of a byte over USB, which has no rate of its own, bits per second.
-const USB: u32 = 480_000_000;
 
 /// Behaviour of one model.
 pub trait Model: Send {
@@ -67,17 +64,8 @@ pub enum UnitAction {
 pub struct Simulated<M> {
     model: M,
     motion: Motion,
-    wire: Wire,
-    /// Rate of its line, bits per second.
-    pub baud: u32,
-    /// It is on USB, which has no rate.
-    pub usb: bool,
-    /// Commands obeyed so far, as bytes.
-    pub obeyed: Vec<Vec<u8>>,
-    /// It is switched on and plugged in.
-    pub plugged: bool,
-    /// It stays silent, like a unit that hangs.
-    pub hung: bool,
+    /// Its line.
+    pub wire: Wire,
     /// Records measured for the host.
     pub measured: u64,
     /// Measured records that were not sent, or will not arrive intact.
@@ -96,12 +84,7 @@ impl<M: Model> Simulated<M> {
         Self {
             model,
             motion,
-            wire: Wire::new(faults),
-            baud: 115_200,
-            usb: false,
-            obeyed: Vec::new(),
-            plugged: true,
-            hung: false,
+            wire: Wire::new(115_200, faults),
             measured: 0,
             harmed: 0,
             input: Vec::new(),
@@ -111,46 +94,9 @@ impl<M: Model> Simulated<M> {
         }
     }
 
-    /// Returns its wire, for the statistics of its bytes.
-    pub(super) fn wire(&self) -> &Wire {
-        &self.wire
-    }
-
-    /// Replaces the faults.
-    pub fn set_faults(&mut self, faults: Faults) {
-        self.wire.set_faults(faults);
-    }
-
-    /// Unplugs it: data in transit are lost, settings are kept.
-    pub fn unplug(&mut self) {
-        self.plugged = false;
-        self.wire.cut();
-        self.input.clear();
-        self.collected.clear();
-        self.cycle = None;
-    }
-
-    /// Puts bytes on the line before anything else: the rest of a truncated record.
-    pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
-        self.wire.send(bytes, self.bits(), false, now_ns);
-    }
-
     /// Adds the beginning of a command that another host left unfinished.
     pub fn written_by_another(&mut self, bytes: &[u8]) {
         self.input.extend_from_slice(bytes);
-    }
-
-    fn bits(&self) -> u32 {
-        if self.usb { USB } else { self.baud }
-    }
-
-    fn mistakes(&self, line_baud: u32) -> bool {
-        !self.usb && line_baud != 0 && line_baud != self.baud
-    }
-
-    /// Sends bytes; returns whether they will arrive intact.
-    fn send(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
-        self.wire.send(bytes, self.bits(), self.mistakes(line_baud), now_ns)
     }
 
     /// Measures records at this time. A record that takes longer on the wire than its cycle is
@@ -159,7 +105,7 @@ impl<M: Model> Simulated<M> {
         let motion = &self.motion;
         let records = self.model.measure(&|station| motion(station, at_ns));
         let sent_ns = at_ns + M::SAMPLING_NS;
-        let collects = if self.usb { self.model.collects() } else { 0 };
+        let collects = if self.wire.usb { self.model.collects() } else { 0 };
         let can_be_sent = at_ns >= self.busy_ns && self.wire.is_idle(sent_ns);
         for record in records {
             self.measured += 1;
@@ -171,13 +117,13 @@ impl<M: Model> Simulated<M> {
                 self.collected.extend(record);
                 true
             } else {
-                self.send(&record, line_baud, sent_ns)
+                self.wire.send(&record, line_baud, sent_ns)
             };
             self.harmed += u64::from(!whole);
         }
         if collects > 0 && self.collected.len() >= collects {
             let collected = std::mem::take(&mut self.collected);
-            self.send(&collected, line_baud, sent_ns);
+            self.wire.send(&collected, line_baud, sent_ns);
         }
     }
 
@@ -186,20 +132,6 @@ impl<M: Model> Simulated<M> {
         // The unit's own second, in host nanoseconds.
         let second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
         (cycle as f64 / self.model.cycles_hz() * second) as i64
-    }
-
-    /// Makes the measurements that are due until a time.
-    fn go_on(&mut self, line_baud: u32, until_ns: i64) {
-        if !self.model.continuous() || !self.plugged || self.hung {
-            self.cycle = None;
-            return;
-        }
-        while let Some(cycle) = self.cycle
-            && self.time_of(cycle) + M::SAMPLING_NS <= until_ns
-        {
-            self.measure(line_baud, self.time_of(cycle));
-            self.cycle = Some(cycle + 1);
-        }
     }
 
     fn begin_cycles(&mut self, now_ns: i64) {
@@ -211,17 +143,26 @@ impl<M: Model> Simulated<M> {
     }
 }
 
-impl<M: Model> Peer for Simulated<M> {
-    fn open(&mut self, _now_ns: i64) -> Result<(), LineError> {
-        if self.plugged { Ok(()) } else { Err(LineError::Absent("no such file".into())) }
+impl<M: Model> Machine for Simulated<M> {
+    fn wire(&mut self) -> &mut Wire {
+        &mut self.wire
     }
 
-    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
-        if !self.plugged || self.hung || now_ns < self.busy_ns {
+    /// Unplugs it: data in transit are lost, settings are kept.
+    fn unplug(&mut self) {
+        self.wire.plugged = false;
+        self.wire.cut();
+        self.input.clear();
+        self.collected.clear();
+        self.cycle = None;
+    }
+
+    fn hear(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) {
+        if now_ns < self.busy_ns {
             return;
         }
-        self.go_on(baud, now_ns);
-        if self.mistakes(baud) {
+        self.act(line_baud, now_ns);
+        if self.wire.mistakes(line_baud) {
             // Bytes at another rate are unreadable.
             return;
         }
@@ -231,7 +172,7 @@ impl<M: Model> Peer for Simulated<M> {
         {
             let command: Vec<u8> = self.input.drain(..taken).collect();
             if is_command {
-                self.obeyed.push(command);
+                self.wire.obeyed.push(command);
             }
             if self.model.collects() == 0 {
                 self.collected.clear();
@@ -239,11 +180,11 @@ impl<M: Model> Peer for Simulated<M> {
             match action {
                 UnitAction::Nothing => {}
                 UnitAction::Send(answer) => {
-                    self.send(&answer, baud, now_ns);
+                    self.wire.send(&answer, line_baud, now_ns);
                 }
-                UnitAction::Poll => self.measure(baud, now_ns),
+                UnitAction::Poll => self.measure(line_baud, now_ns),
                 UnitAction::Stream(answer) => {
-                    self.send(&answer, baud, now_ns);
+                    self.wire.send(&answer, line_baud, now_ns);
                     self.begin_cycles(now_ns);
                 }
                 UnitAction::Rest(ns) => self.busy_ns = now_ns + ns,
@@ -254,31 +195,28 @@ impl<M: Model> Peer for Simulated<M> {
         }
     }
 
-    fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
-        if !self.plugged {
-            return Err(LineError::Gone("unplugged".into()));
-        }
+    fn awaited(&mut self, now_ns: i64) {
         if self.model.continuous() && self.cycle.is_none() {
             self.begin_cycles(now_ns);
         }
-        loop {
-            // Advances only to the first byte that the host waits for, because the host's answer
-            // may change everything after it.
-            match self.wire.due() {
-                Some(at) if at <= until_ns => return Ok(self.wire.receive(at.max(now_ns))),
-                _ => {}
-            }
-            match self.cycle.map(|cycle| self.time_of(cycle) + M::SAMPLING_NS) {
-                Some(at) if at <= until_ns && !self.hung => self.go_on(baud, at),
-                _ => return Ok(None),
-            }
-        }
     }
 
-    fn due(&self, _now_ns: i64) -> Option<i64> {
-        let measures = self.model.continuous() && !self.hung;
-        let measured = self.cycle.filter(|_| measures).map(|cycle| self.time_of(cycle) + M::SAMPLING_NS);
-        [self.wire.due(), measured].into_iter().flatten().min()
+    fn turn(&self) -> Option<i64> {
+        self.cycle.filter(|_| !self.wire.hung).map(|cycle| self.time_of(cycle) + M::SAMPLING_NS)
+    }
+
+    /// Makes the measurements that are due until a time.
+    fn act(&mut self, line_baud: u32, until_ns: i64) {
+        if !self.model.continuous() || !self.wire.plugged || self.wire.hung {
+            self.cycle = None;
+            return;
+        }
+        while let Some(cycle) = self.cycle
+            && self.time_of(cycle) + M::SAMPLING_NS <= until_ns
+        {
+            self.measure(line_baud, self.time_of(cycle));
+            self.cycle = Some(cycle + 1);
+        }
     }
 }
 

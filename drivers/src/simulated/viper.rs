@@ -31,6 +31,7 @@ const RATES: [f64; 6] = [30.0, 60.0, 120.0, 240.0, 480.0, 960.0];
 pub type Twin = Simulated<Viper>;
 
 /// The unit. Its fields are the state in which it was left.
+#[derive(Default)]
 pub struct Viper {
     /// Numbers of the units of positions and of orientations.
     pub units: [u32; 2],
@@ -68,33 +69,12 @@ pub struct Viper {
     /// It obeys only a restart.
     pub deaf: bool,
     frame: u32,
-    format: viper::Viper,
 }
 
 impl Twin {
     /// Creates a unit in its factory state: inches, degrees, 240 Hz, one sensor, quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
-        let unit = Viper {
-            units: [0, 0],
-            rate: 3,
-            continuous: false,
-            accelerations: false,
-            sensors: 1,
-            hemisphere: [1.0, 0.0, 0.0],
-            tracks: false,
-            filter: 1,
-            increment: false,
-            boresight: false,
-            tip_cm: 0.0,
-            test: 0,
-            distortion: 0,
-            buttons: 0,
-            zero: 0,
-            refuses: Vec::new(),
-            deaf: false,
-            frame: 0,
-            format: viper::Viper::new(MOST_SENSORS),
-        };
+        let unit = Viper { rate: 3, sensors: 1, hemisphere: [1.0, 0.0, 0.0], filter: 1, ..Viper::default() };
         Self::of(unit, motion, faults)
     }
 }
@@ -221,8 +201,7 @@ impl Model for Viper {
     fn obey(&mut self, input: &[u8]) -> Option<Obeyed> {
         // The format is cloned because its records borrow from it; with checksums it has no state
         // to keep.
-        let mut format = self.format.clone();
-        match format.parse(input) {
+        match viper::Viper::new(MOST_SENSORS).parse(input) {
             Parsed::Record { length, record: Record::Reply(command) } => {
                 Some(Obeyed { taken: length, ..self.obey_command(&command) })
             }

@@ -1,4 +1,4 @@
-//! The wire from a device to the host: bytes take time, and may be corrupted or lost.
+//! The line of a virtual device: bytes to the host take time, and may be corrupted or lost.
 
 use std::collections::VecDeque;
 
@@ -8,10 +8,22 @@ use super::{Faults, Tally};
 
 /// Bits of a byte: one start, eight data, one stop.
 const BITS: i64 = 10;
+/// Bits per second of USB: bytes arrive at once.
+const USB: u32 = 480_000_000;
 
-/// Bytes in transit.
+/// A device's line: its state, and the bytes in transit to the host.
 #[derive(Debug)]
 pub struct Wire {
+    /// The device's rate, bits per second.
+    pub baud: u32,
+    /// The device is on USB, which has no rate.
+    pub usb: bool,
+    /// The device has power and is plugged in.
+    pub plugged: bool,
+    /// The device stays silent, like a program that hangs.
+    pub hung: bool,
+    /// Commands obeyed so far, as bytes.
+    pub obeyed: Vec<Vec<u8>>,
     faults: Faults,
     random: fastrand::Rng,
     /// Arrival time of each piece, in order.
@@ -24,10 +36,15 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Creates an idle wire.
-    pub fn new(faults: Faults) -> Self {
+    /// Creates the idle line of a device at this rate.
+    pub fn new(baud: u32, faults: Faults) -> Self {
         let random = fastrand::Rng::with_seed(faults.seed);
         Self {
+            baud,
+            usb: false,
+            plugged: true,
+            hung: false,
+            obeyed: Vec::new(),
             faults,
             random,
             on_the_way: VecDeque::new(),
@@ -69,9 +86,17 @@ impl Wire {
         self.busy_until <= now_ns
     }
 
-    /// Puts bytes on the wire at `now_ns` and `baud`; `garbled` if the host listens at another
-    /// rate. Returns whether they will arrive intact.
-    pub fn send(&mut self, bytes: &[u8], baud: u32, garbled: bool, now_ns: i64) -> bool {
+    /// Returns whether the host's rate is another, so that neither understands the other. A rate
+    /// of 0 is that of a pseudo-terminal, which has none.
+    pub fn mistakes(&self, line_baud: u32) -> bool {
+        !self.usb && line_baud != 0 && line_baud != self.baud
+    }
+
+    /// Puts bytes on the wire at `now_ns`, for a host that listens at `line_baud`. Returns whether
+    /// they will arrive intact.
+    pub fn send(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
+        let garbled = self.mistakes(line_baud);
+        let baud = if self.usb { USB } else { self.baud };
         let begin = self.busy_until.max(now_ns);
         self.busy_until = begin + bytes.len() as i64 * BITS * SECOND / i64::from(baud);
         let mut there = Vec::with_capacity(bytes.len());
@@ -133,9 +158,9 @@ mod tests {
 
     #[test]
     fn bytes_take_ten_bits_and_queue() {
-        let mut wire = Wire::new(Faults::default());
-        wire.send(&[1, 2, 3], 9600, false, 0);
-        wire.send(&[4], 9600, false, MS);
+        let mut wire = Wire::new(9600, Faults::default());
+        wire.send(&[1, 2, 3], 9600, 0);
+        wire.send(&[4], 9600, MS);
         assert_eq!(wire.due(), Some(3 * 10 * SECOND / 9600));
         assert!(!wire.is_idle(4 * MS) && wire.is_idle(5 * MS));
         assert_eq!(wire.receive(4 * MS).unwrap().1, [1, 2, 3]);
@@ -146,10 +171,10 @@ mod tests {
     fn faults_match_their_shares_and_are_reproducible() {
         let faults = Faults { drop: 0.1, noise: 0.05, jitter_ns: MS, ..Faults::default() };
         let run = || {
-            let mut wire = Wire::new(faults);
+            let mut wire = Wire::new(115_200, faults);
             let mut there = Vec::new();
             for n in 0..1000 {
-                wire.send(&[0; 20], 115_200, false, n * 10 * MS);
+                wire.send(&[0; 20], 115_200, n * 10 * MS);
             }
             let mut last = 0;
             while let Some(due) = wire.due() {
@@ -171,9 +196,9 @@ mod tests {
 
     #[test]
     fn packet_bytes_arrive_together() {
-        let mut wire = Wire::new(Faults::slow_adapter());
+        let mut wire = Wire::new(115_200, Faults::slow_adapter());
         for n in 0..6 {
-            wire.send(&[n], 115_200, false, i64::from(n) * 8 * MS);
+            wire.send(&[n], 115_200, i64::from(n) * 8 * MS);
         }
         assert_eq!(wire.receive(15 * MS), None);
         assert_eq!(wire.receive(16 * MS), Some((16 * MS, vec![0, 1])));

@@ -31,7 +31,7 @@ pub trait Peer: Send {
 
     /// Returns the time of the next bytes if the driver sends nothing, ns; `None` if none will
     /// come.
-    fn due(&self, now_ns: i64) -> Option<i64>;
+    fn due(&mut self, now_ns: i64) -> Option<i64>;
 }
 
 /// Opens lines to a simulated device.

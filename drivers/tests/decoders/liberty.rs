@@ -1,11 +1,10 @@
-//! LIBERTY, PATRIOT and Latus: binary frames, text answers, commands.
+//! LIBERTY, PATRIOT and Latus: binary frames, commands.
 
 use proptest::prelude::*;
 
 use drivers::framing::{Decoder, Refusal};
 use drivers::tracker::polhemus::ListError;
 use drivers::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Counter, Rate, Stations};
-use drivers::tracker::polhemus::liberty::text::{LibertyText, Line};
 use drivers::tracker::polhemus::liberty::{Header, Layout, Liberty, Pose, Record, Reply, Tag};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
@@ -127,23 +126,6 @@ fn replies_give_stations_and_lists() {
 }
 
 #[test]
-fn text_answers_are_read_by_line() {
-    let stream = b"\xff\xfejunk\x0001C  0\r\n00\x15 0003 0001\r\nPatriot 2.0\r\n01  12.5 \r\n01u  12.5 \r\n";
-    let mut seen = Vec::new();
-    Decoder::new(LibertyText).feed(stream, &mut |line, _| match line {
-        Line::Reply { station, command, error, body } => {
-            seen.push(format!("{station} {command} {error} {}", String::from_utf8_lossy(body)));
-        }
-        Line::Measurement { station, error } => seen.push(format!("measured {station} {error}")),
-        Line::Other(text) => seen.push(String::from_utf8_lossy(text).into_owned()),
-    });
-    assert_eq!(seen, ["1 67 32 0", "00\u{15} 0003 0001", "Patriot 2.0", "measured 1 32", "1 117 32 12.5 "]);
-    let mut line = Vec::new();
-    Line::Reply { station: 1, command: b'F', error: b' ', body: b"1" }.write(&mut line);
-    assert_eq!(line, b"01F  1\r\n");
-}
-
-#[test]
 fn commands_match_bytes() {
     for (command, bytes) in [
         (Command::Poll, &b"P"[..]),
@@ -242,17 +224,6 @@ proptest! {
     fn arbitrary_bytes_never_panic(layout in any_layout(), bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"LYPAUCO\x01\x00".to_vec())], 0..2000), pieces in pieces()) {
         decode_any_cut(&Liberty::new(4, layout), &bytes, &pieces);
         decode_any_cut(&Liberty::replies(), &bytes, &pieces);
-        decode_any_cut(&LibertyText, &bytes, &pieces);
-    }
-
-    #[test]
-    fn text_lines_are_found_after_garbage(bodies in prop::collection::vec("[ -~]{0,80}", 1..8), garbage in prop::collection::vec(any::<u8>(), 0..700), pieces in pieces()) {
-        let good: Vec<Vec<u8>> = bodies.iter().map(|body| {
-            let mut line = Vec::new();
-            Line::Reply { station: 1, command: b'V', error: b' ', body: body.as_bytes() }.write(&mut line);
-            line
-        }).collect();
-        locks(&LibertyText, &garbage, &good, &pieces);
     }
 
     #[test]

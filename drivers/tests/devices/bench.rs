@@ -1,14 +1,14 @@
 //! A driver connected to a twin, and functions that read it.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::connection::{Connection, Protocol};
-use drivers::replay::{LineReplay, Pace, Source};
-use drivers::simulated::{Model, Motion, Placed, Pty, Simulated};
+use drivers::simulated::{Machine, Model, Motion, Placed, Pty, Simulated};
 use drivers::transport::{MemoryOpener, Peer, PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use sonoweave_core::health::State;
-use sonoweave_core::reading::{Pose, Raw, Reading};
+use sonoweave_core::reading::{Pose, Reading};
 use sonoweave_core::{Device, Next};
 
 /// Time at which every test begins, ns: not 0, so that nothing can rely on 0.
@@ -89,7 +89,7 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
             assert!(self.device.health().why.contains("unplugged"), "{}", self.device.health().why);
             assert!(self.readings(5 * SECOND).is_empty());
             assert!(self.device.health().why.contains("plug it in"), "{}", self.device.health().why);
-            self.twin.lock().unwrap().plugged = true;
+            self.twin.lock().unwrap().wire.plugged = true;
             let back = self.until(State::Running, 2 * SECOND);
             assert!(back < SECOND, "{} ms", back / MS);
         }
@@ -101,13 +101,13 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
     /// again.
     pub(crate) fn assert_survives_hanging(&mut self) {
         self.until(State::Running, 2 * SECOND);
-        self.twin.lock().unwrap().hung = true;
+        self.twin.lock().unwrap().wire.hung = true;
         let noticed = self.until(State::Silent, 2 * SECOND);
         assert!(noticed < 600 * MS, "{} ms", noticed / MS);
         assert!(self.readings(2 * SECOND).is_empty());
         let why = self.device.health().why.clone();
         assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-        self.twin.lock().unwrap().hung = false;
+        self.twin.lock().unwrap().wire.hung = false;
         let back = self.until(State::Running, 4 * SECOND);
         assert!(back < 2 * SECOND, "{} ms", back / MS);
         assert_eq!(self.device.health().received.opened, 1, "the line was open all along");
@@ -115,12 +115,12 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
 
     /// Returns how often the unit received these bytes.
     pub(crate) fn times_sent(&self, bytes: &[u8]) -> usize {
-        self.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == bytes).count()
+        self.twin.lock().unwrap().wire.obeyed.iter().filter(|command| command.as_slice() == bytes).count()
     }
 
     /// Returns the commands that the unit received, as text.
     pub(crate) fn reported(&self) -> Vec<String> {
-        self.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
+        self.twin.lock().unwrap().wire.obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
     }
 }
 
@@ -166,41 +166,28 @@ pub(crate) fn time_of(pose: &Pose) -> i64 {
     ((pose.position_cm[0] - 1.0) * 4096.0).round() as i64 * (MS / 8) + BEGIN
 }
 
-/// Replays the raw pieces among `readings` at several paces, with a new protocol each time.
-/// Checks that all other readings come again; returns their number.
+/// Decodes the raw pieces among `readings` twice, by a new protocol. Checks that all other
+/// readings come again; returns their number.
 pub(crate) fn replays<P: Protocol>(readings: &[Reading], protocol: impl Fn() -> P) -> usize {
-    let raw: Vec<Raw> =
-        readings.iter().filter_map(|r| if let Reading::Raw(raw) = r { Some(raw.clone()) } else { None }).collect();
     let live: Vec<String> = readings
         .iter()
         .filter(|reading| !matches!(reading, Reading::Raw(_)))
         .map(|reading| format!("{reading:?}"))
         .collect();
-    let recorded = raw.last().unwrap().stamp.host_ns.unwrap() - raw[0].stamp.host_ns.unwrap();
-    for (pace, factor) in [(Pace::Unpaced, f64::INFINITY), (Pace::Factor(1.0), 1.0), (Pace::Factor(3.0), 3.0)] {
-        let pieces = raw.clone();
-        let source: Source = Box::new(move || Box::new(pieces.clone().into_iter().map(Ok)));
-        let clock = Manual::at(5);
-        let mut replay = LineReplay::with_clock(source, protocol(), pace, Arc::new(clock.clone()));
-        for _ in 0..2 {
-            let begin = clock.now_ns();
-            replay.start().unwrap();
-            let mut again = Vec::new();
-            loop {
-                match replay.next(clock.now_ns() + 7 * MS).unwrap() {
-                    Next::Reading(reading) => again.push(format!("{reading:?}")),
-                    Next::Pending => {}
-                    Next::End => break,
-                }
+    let mut protocol = protocol();
+    for _ in 0..2 {
+        let mut again = VecDeque::new();
+        protocol.reset();
+        protocol.resume();
+        for reading in readings {
+            if let Reading::Raw(raw) = reading {
+                protocol.decode(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again);
             }
-            assert_eq!(again.len(), live.len(), "{pace:?}");
-            for (again, live) in again.iter().zip(&live) {
-                assert_eq!(again, live, "{pace:?}");
-            }
-            let took = clock.now_ns() - begin;
-            assert!((took - (recorded as f64 / factor) as i64).abs() < MS, "{pace:?}: {took}");
-            assert_eq!((replay.health().state, replay.health().received.readings), (State::Ended, live.len() as u64));
-            replay.stop().unwrap();
+        }
+        assert_eq!(again.len(), live.len());
+        for (item, (mut again, live)) in (0..).zip(again.into_iter().zip(&live)) {
+            again.stamp_mut().item = item;
+            assert_eq!(format!("{again:?}"), *live);
         }
     }
     live.len()

@@ -7,7 +7,7 @@ use drivers::arm::Settings;
 use drivers::arm::ea1::{Framing, Record, Sample, SampleFormat, Unit};
 use drivers::connection::{Connection, Protocol};
 use drivers::simulated::ea1::Twin;
-use drivers::simulated::{Faults, Pty};
+use drivers::simulated::{Faults, Machine, Pty};
 use drivers::transport::{PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -103,7 +103,7 @@ fn arm_in_any_initial_state_is_set_up() {
         twin.rate_hz = if left & 2 != 0 { 100 } else { 0 };
         twin.framing = if left & 4 != 0 { Framing::Blocks } else { Framing::Lines };
         if left & 8 != 0 {
-            twin.leave_on_the_line(b"00,1024,-300,65536,07*1E\r\n\x04\x01\x03", BEGIN);
+            twin.wire.send(b"00,1024,-300,65536,07*1E\r\n\x04\x01\x03", 0, BEGIN);
         }
         let expected = if left & 16 != 0 { SampleFormat::Blocks } else { SampleFormat::Lines };
         let mut rig = rig(twin, Settings::default(), expected);
@@ -128,7 +128,7 @@ fn sent_commands_match_document() {
     rig.readings(100 * MS);
     rig.device.stop().unwrap();
     let sent: Vec<String> =
-        rig.twin.lock().unwrap().obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
+        rig.twin.lock().unwrap().wire.obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
     // The zeroed axes are stored from bit 29 of the ping's number.
     let zeroed = format!("!T{}\n", 5_u32 << 29 | 2);
     assert_eq!(sent, ["!R0\n", "!I\n", "!R150\n", "!T1\n", "!Z5\n", &zeroed, "!R0\n"]);
@@ -299,7 +299,7 @@ fn lost_homing_answer_is_handled() {
 fn lost_bytes_count_as_lost_readings_without_wrong_ones() {
     for format in [SampleFormat::Lines, SampleFormat::Blocks] {
         let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), format));
-        rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+        rig.twin.lock().unwrap().wire.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
         let (zeros, before) = (rig.twin.lock().unwrap().zeros, rig.device.health().received);
         let begin = rig.twin.lock().unwrap().sampled;
         let found = counts(rig.readings(60 * SECOND));
@@ -358,16 +358,16 @@ fn damage_missed_by_checksum_is_detected() {
 fn noise_gives_no_wrong_sample() {
     let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), SampleFormat::Blocks));
     let zeros = rig.twin.lock().unwrap().zeros;
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.01, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.01, ..Faults::default() });
     let found = counts(rig.readings(60 * SECOND));
     let born = born(&rig);
     assert!(found.len() > 4000, "{}", found.len());
     assert!(
         found.iter().all(|c| is_true(&moving(), c, time_of(c, born) - 1000, 3000, &zeros) && c.status == Status::Ok)
     );
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.4, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.4, ..Faults::default() });
     rig.readings(5 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults::default());
+    rig.twin.lock().unwrap().wire.set_faults(Faults::default());
     assert!(rig.until(State::Running, SOON) <= 2 * SECOND);
 }
 
@@ -380,7 +380,7 @@ fn unplugged_arm_is_absent_then_runs_again() {
         assert!(rig.device.health().why.contains("unplugged"), "{}", rig.device.health().why);
         assert!(rig.readings(3 * SECOND).is_empty());
         assert!(rig.device.health().why.contains("plug it in"));
-        rig.twin.lock().unwrap().plugged = true;
+        rig.twin.lock().unwrap().wire.plugged = true;
         // A board needs 1.6 s to start, and sends its first line then.
         let back = rig.until(State::Running, SOON);
         assert!(back < 1600 * MS + SECOND / 2, "{} ms", back / MS);
@@ -394,12 +394,12 @@ fn hung_arm_is_silent_not_absent() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.starts_when_opened = false;
     let mut rig = homed(rig(twin, Settings::default(), SampleFormat::Lines));
-    rig.twin.lock().unwrap().hung = true;
+    rig.twin.lock().unwrap().wire.hung = true;
     let noticed = rig.until(State::Silent, 2 * SECOND);
     assert!(noticed < 600 * MS, "{} ms", noticed / MS);
     assert!(rig.readings(6 * SECOND).is_empty());
     assert!(rig.device.health().why.contains("does not answer"), "{}", rig.device.health().why);
-    rig.twin.lock().unwrap().hung = false;
+    rig.twin.lock().unwrap().wire.hung = false;
     let back = rig.until(State::Running, SOON);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
     // The arm never lost power, and reports that it is still homed.

@@ -65,14 +65,14 @@ fn unit_in_any_initial_state_is_set_up() {
     for baud in [115_200, 57_600, 38_400, 19_200, 9_600] {
         for left in 0..16 {
             let mut twin = twin();
-            twin.baud = baud;
+            twin.wire.baud = baud;
             twin.continuous = left & 1 != 0;
             twin.mode = if left & 2 != 0 { Mode::Binary } else { Mode::Ascii };
             twin.stations = [left & 4 != 0, true, false, left & 4 != 0];
             twin.hemispheres = [[0.0, 0.0, -1.0]; 4];
             if left & 8 != 0 {
                 twin.lists = std::array::from_fn(|_| vec![2, 5, 6, 7]);
-                twin.leave_on_the_line(b"3.95-0.9713-0.0093 01   28.", BEGIN);
+                twin.wire.send(b"3.95-0.9713-0.0093 01   28.", 0, BEGIN);
                 twin.written_by_another(b"O1,2,");
             }
             let mut rig = rig(twin, Settings::default());
@@ -157,7 +157,7 @@ fn unresponsive_unit_is_reset() {
 fn lost_bytes_lose_records_without_wrong_ones() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
     let poses = rig.poses(60 * SECOND);
     assert!(poses.iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "each is right or not there");
     assert!(poses.windows(2).all(|two| time_of(&two[0]) < time_of(&two[1])));
@@ -171,9 +171,9 @@ fn lost_bytes_lose_records_without_wrong_ones() {
 fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.3, ..Faults::default() });
     rig.readings(5 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults::default());
+    rig.twin.lock().unwrap().wire.set_faults(Faults::default());
     assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
     let poses = rig.poses(SECOND);
     assert!(poses.len() > 110 && poses[2..].iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]));

@@ -102,14 +102,14 @@ fn unit_in_any_initial_state_is_set_up() {
     for baud in [115_200, 19_200, 9_600, 38_400, 57_600] {
         for left in 0..32 {
             let mut twin = twin();
-            twin.baud = baud;
+            twin.wire.baud = baud;
             twin.continuous = left & 1 != 0;
             twin.mode = if left & 2 != 0 { Mode::Binary } else { Mode::Ascii };
             twin.stations = [left & 4 != 0, true];
             twin.hemispheres = [[0.0, 0.0, 1.0]; 2];
             if left & 8 != 0 {
                 twin.list = vec![2, 5, 6, 7];
-                twin.leave_on_the_line(b"3.95-0.9713-0.0093 01   28.", BEGIN);
+                twin.wire.send(b"3.95-0.9713-0.0093 01   28.", 0, BEGIN);
                 twin.written_by_another(b"O1,2,");
             }
             let binary = left & 16 == 0;
@@ -223,7 +223,7 @@ fn lost_bytes_lose_records_without_wrong_ones() {
     rig.until(State::Running, 2 * SECOND);
     let before = {
         let mut twin = rig.twin.lock().unwrap();
-        twin.set_faults(Faults { drop: 0.003, dropout: 0.01, ..Faults::default() });
+        twin.wire.set_faults(Faults { drop: 0.003, dropout: 0.01, ..Faults::default() });
         (twin.measured, twin.harmed)
     };
     let poses = rig.poses(120 * SECOND);
@@ -242,9 +242,9 @@ fn lost_bytes_lose_records_without_wrong_ones() {
 fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.3, ..Faults::default() });
     rig.readings(5 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults::default());
+    rig.twin.lock().unwrap().wire.set_faults(Faults::default());
     assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
     let poses = rig.poses(SECOND);
     assert!(poses.len() > 55 && poses[2..].iter().all(is_right), "{}", poses.len());

@@ -18,12 +18,12 @@ fn twin() -> Twin {
 }
 
 fn usb(mut twin: Twin) -> Twin {
-    twin.usb = true;
+    twin.wire.usb = true;
     twin
 }
 
 fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
-    let line = if twin.usb { Line::Usb } else { Line::Serial(None) };
+    let line = if twin.wire.usb { Line::Usb } else { Line::Serial(None) };
     let mut rig = Rig::new(twin, Unit::new("a line", settings, line).unwrap(), false);
     rig.device.start().unwrap();
     rig
@@ -48,7 +48,7 @@ fn poses_match_sensor_at_stamp_and_tick_times() {
         [(false, 1, 240.0, 240.0), (false, 3, 240.0, 120.0), (true, 3, 1000.0, 240.0), (true, 1, 100.0, 60.0)]
     {
         let mut left = twin();
-        (left.active, left.usb, left.distortion) = (active, on_usb, 1);
+        (left.active, left.wire.usb, left.distortion) = (active, on_usb, 1);
         let stations: Vec<u8> = (1..=active.count_ones() as u8).collect();
         let mut rig = rig(left, Settings { stations: stations.clone(), rate_hz, ..Settings::default() });
         rig.until(State::Running, 2 * SECOND);
@@ -91,7 +91,7 @@ fn unit_in_any_initial_state_is_set_up() {
     {
         for left in 0..32 {
             let mut twin = twin();
-            (twin.baud, twin.usb) = (baud, on_usb);
+            (twin.wire.baud, twin.wire.usb) = (baud, on_usb);
             twin.continuous = left & 1 != 0;
             twin.binary = left & 2 != 0;
             twin.buffers = on_usb && left & 4 != 0;
@@ -99,7 +99,7 @@ fn unit_in_any_initial_state_is_set_up() {
             if left & 8 != 0 {
                 (twin.active, twin.hz, twin.echoes) = (0b111, 60.0, true);
                 twin.list = vec![8, 9, 2, 4, 6, 1];
-                twin.leave_on_the_line(b"01\x00\x00LY\x01C\x00\x00\x24\x00\x40", BEGIN);
+                twin.wire.send(b"01\x00\x00LY\x01C\x00\x00\x24\x00\x40", 0, BEGIN);
                 twin.written_by_another(b"O1,2,");
             }
             twin.stubborn = u32::from(left & 16 != 0) * 2;
@@ -226,14 +226,14 @@ fn hung_unit_is_silent_and_returns_in_two_seconds() {
 fn unresponsive_unit_is_reset() {
     for on_usb in [false, true] {
         let mut left = twin();
-        (left.deaf, left.continuous, left.usb, left.buffers) = (true, true, on_usb, false);
+        (left.deaf, left.continuous, left.wire.usb, left.buffers) = (true, true, on_usb, false);
         let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
         stubborn.readings(40 * SECOND);
         assert_eq!(stubborn.device.health().state, State::Silent);
         let why = &stubborn.device.health().why;
         assert!(why.contains("does not stop sending") && (on_usb || why.contains("used by USB")), "{why}");
         let mut left = twin();
-        (left.deaf, left.continuous, left.usb, left.buffers) = (true, true, on_usb, false);
+        (left.deaf, left.continuous, left.wire.usb, left.buffers) = (true, true, on_usb, false);
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
@@ -251,11 +251,11 @@ fn lost_bytes_are_counted_by_frame_count() {
         rig.readings(SECOND);
         let (measured, harmed) = {
             let mut twin = rig.twin.lock().unwrap();
-            twin.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+            twin.wire.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
             (twin.measured, twin.harmed)
         };
         let poses = rig.poses(60 * SECOND);
-        rig.twin.lock().unwrap().set_faults(Faults::default());
+        rig.twin.lock().unwrap().wire.set_faults(Faults::default());
         let after = rig.poses(SECOND);
         assert_right(&poses, "lossy");
         assert!(after.len() > 235);
@@ -281,7 +281,7 @@ fn lost_bytes_are_counted_by_frame_count() {
 #[test]
 fn host_that_pauses_reading_loses_nothing() {
     let mut left = usb(twin());
-    left.set_faults(Faults { drift_ppm: 300.0, latency_ns: 2 * MS, jitter_ns: 3 * MS, ..Faults::default() });
+    left.wire.set_faults(Faults { drift_ppm: 300.0, latency_ns: 2 * MS, jitter_ns: 3 * MS, ..Faults::default() });
     let mut rig = rig(left, Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.readings(SECOND);
@@ -297,9 +297,9 @@ fn host_that_pauses_reading_loses_nothing() {
 fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.3, ..Faults::default() });
     rig.readings(5 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults::default());
+    rig.twin.lock().unwrap().wire.set_faults(Faults::default());
     assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
     rig.readings(300 * MS);
     let poses = rig.poses(SECOND);

@@ -6,7 +6,7 @@ use drivers::arm::Settings;
 use drivers::arm::microscribe::{Family, Unit};
 use drivers::connection::Connection;
 use drivers::simulated::microscribe::{Session, Twin};
-use drivers::simulated::{Faults, Joints, Pty};
+use drivers::simulated::{Faults, Joints, Machine, Pty};
 use drivers::transport::{PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -79,7 +79,7 @@ fn device_in_any_state_and_rate_is_woken() {
         for session in [Session::None, Session::Signed, Session::Begun] {
             for answers_links in [true, false] {
                 let mut twin = Twin::new(moving(), Faults::default());
-                (twin.fastest_baud, twin.baud, twin.session) = (fastest, fastest, session);
+                (twin.fastest_baud, twin.wire.baud, twin.session) = (fastest, fastest, session);
                 twin.answers_links = answers_links;
                 let mut rig = rig(twin);
                 let took = rig.until(State::Running, SOON);
@@ -105,7 +105,7 @@ fn sent_commands_match_manufacturer_library() {
     rig.device.protocol_mut().home();
     rig.readings(15 * MS);
     rig.device.stop().unwrap();
-    let obeyed = rig.twin.lock().unwrap().obeyed.clone();
+    let obeyed = rig.twin.lock().unwrap().wire.obeyed.concat();
     let (questions, samples) = obeyed.split_at(6);
     assert_eq!(questions, [0xca, 0xcb, 0xce, 0xcd, 0xc6, 0xc0]);
     let home = samples.iter().position(|byte| *byte == 0xc2).unwrap();
@@ -148,7 +148,7 @@ fn unplugged_device_is_absent_then_requires_homing() {
     // The device may have been switched off meanwhile; in this test it was.
     let now = rig.clock.now_ns();
     rig.twin.lock().unwrap().switch_off_and_on(now);
-    rig.twin.lock().unwrap().plugged = true;
+    rig.twin.lock().unwrap().wire.plugged = true;
     let back = rig.until(State::Running, SOON);
     assert!(back < SECOND, "{} ms", back / MS);
     assert!(counts(rig.readings(SECOND)).iter().all(|c| c.homed == 0 && text(c).contains("home it")));
@@ -162,12 +162,12 @@ fn unplugged_device_is_absent_then_requires_homing() {
 fn hung_device_is_silent_not_absent() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
-    rig.twin.lock().unwrap().hung = true;
+    rig.twin.lock().unwrap().wire.hung = true;
     let noticed = rig.until(State::Silent, 2 * SECOND);
     assert!(noticed < 600 * MS, "{} ms", noticed / MS);
     assert!(rig.readings(3 * SECOND).is_empty());
     assert!(rig.device.health().why.contains("switched on"), "{}", rig.device.health().why);
-    rig.twin.lock().unwrap().hung = false;
+    rig.twin.lock().unwrap().wire.hung = false;
     let back = rig.until(State::Running, SOON);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
     assert_eq!(rig.device.health().received.opened, 1);
@@ -177,7 +177,7 @@ fn hung_device_is_silent_not_absent() {
 fn lost_bytes_lose_samples_without_wrong_ones() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
-    rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
     let found = counts(rig.readings(60 * SECOND));
     let (zeros, wire) = (zeros(&rig), rig.device.describe().timing.wire_ns);
     // 14 bytes per sample: one in 36 is hit.
@@ -194,7 +194,7 @@ fn lost_bytes_lose_samples_without_wrong_ones() {
 fn noise_errors_stay_below_jump_limit() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.002, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.002, ..Faults::default() });
     let found = counts(rig.readings(60 * SECOND));
     let zeros = zeros(&rig);
     assert!(found.len() > 5000, "{}", found.len());
@@ -226,7 +226,7 @@ fn pseudo_terminal_counts_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let joints: Joints = Arc::new(move |ns| [(ns - begin) / MS, 7, -9, 0, 1, 2]);
     let mut left = Twin::new(Arc::clone(&joints), Faults::default());
-    (left.baud, left.home) = (115_200, [100; 6]);
+    (left.wire.baud, left.home) = (115_200, [100; 6]);
     left.switch_off_and_on(begin);
     let twin = Arc::new(Mutex::new(left));
     let pty = Pty::run(Arc::clone(&twin)).unwrap();

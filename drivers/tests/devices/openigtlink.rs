@@ -49,7 +49,7 @@ impl Peer for Server {
         }
     }
 
-    fn due(&self, _now_ns: i64) -> Option<i64> {
+    fn due(&mut self, _now_ns: i64) -> Option<i64> {
         self.script.front().map(|(at_ns, _)| *at_ns)
     }
 }

@@ -7,7 +7,7 @@ use drivers::arm::Settings;
 use drivers::arm::qsb::{Arm, Unit, register};
 use drivers::connection::Protocol;
 use drivers::simulated::qsb::Twin;
-use drivers::simulated::{Faults, Joints, Pty};
+use drivers::simulated::{Faults, Joints, Machine, Pty};
 use drivers::transport::{MemoryOpener, Opener, PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -151,7 +151,7 @@ fn sent_commands_set_registers() {
     trio.device.stop().unwrap();
     for axis in 0..3 {
         let obeyed: Vec<String> =
-            trio.twin(axis).obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
+            trio.twin(axis).wire.obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
         let expected = ["R0E\n", "R14\n", "W15F\n", "W000\n", "W033\n", "W0B0\n", "W0C5\n", "W0D1\n", "S0E\n", "R0E\n"];
         assert_eq!(obeyed, expected);
     }
@@ -168,21 +168,21 @@ fn absent_or_hung_unit_is_named_and_delays_no_other() {
     assert!(found.iter().all(|c| c.first != 1 && c.status == Status::Ok));
     assert!((1020..=1028).contains(&found.len()), "{}", found.len());
     assert!(trio.device.health().why.contains("plug it in"), "{}", trio.device.health().why);
-    trio.twin(1).plugged = true;
+    trio.twin(1).wire.plugged = true;
     let back = trio.until(State::Running);
     assert!(back < SECOND, "{} ms", back / MS);
     let found = counts(trio.readings(SECOND));
     assert!(found.iter().all(|c| (c.first == 1) == (c.homed == 0)), "what was away has to be homed");
     assert!(trio.device.health().why.starts_with("axis 2 of 3: axis 2 is not homed"), "{}", trio.device.health().why);
     let mut trio = trio.homed();
-    trio.twin(2).hung = true;
+    trio.twin(2).wire.hung = true;
     let noticed = trio.until(State::Silent);
     assert!(noticed < SECOND / 2, "{} ms", noticed / MS);
     assert!(trio.device.health().why.starts_with("axis 3 of 3: "), "{}", trio.device.health().why);
     let found = counts(trio.readings(5 * SECOND));
     assert!(found.iter().all(|c| c.first != 2) && found.len() > 1010);
     assert!(trio.device.health().why.contains("does not answer"), "{}", trio.device.health().why);
-    trio.twin(2).hung = false;
+    trio.twin(2).wire.hung = false;
     let back = trio.until(State::Running);
     assert!(back < SECOND, "{} ms", back / MS);
 }
@@ -233,7 +233,7 @@ fn lost_bytes_lose_lines_without_wrong_ones() {
     let zero = first.iter().find(|c| c.first == 0).map(|c| moving()(trio.time_of(c))[0] - c.counts[0]).unwrap();
     let before = trio.device.health().received;
     let begin = trio.twin(0).streamed;
-    trio.twin(0).set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+    trio.twin(0).wire.set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
     let found = counts(trio.readings(30 * SECOND));
     let (streamed, received) = (trio.twin(0).streamed - begin, trio.device.health().received);
     let own: Vec<&Counts> = found.iter().filter(|c| c.first == 0).collect();
@@ -250,7 +250,7 @@ fn noise_errors_stay_below_jump_limit() {
     let mut trio = Trio::new(|_| {}, &settings, false).homed();
     let first = counts(trio.readings(50 * MS));
     let zero = first.iter().find(|c| c.first == 0).map(|c| moving()(trio.time_of(c))[0] - c.counts[0]).unwrap();
-    trio.twin(0).set_faults(Faults { noise: 0.003, ..Faults::default() });
+    trio.twin(0).wire.set_faults(Faults { noise: 0.003, ..Faults::default() });
     let found = counts(trio.readings(30 * SECOND));
     let own: Vec<&Counts> = found.iter().filter(|c| c.first == 0).collect();
     assert!(own.len() > 2500, "{}", own.len());

@@ -8,7 +8,7 @@ use drivers::arm::microscribe::{self, Family};
 use drivers::arm::{self, qsb};
 use drivers::connection::{Connection, Protocol};
 use drivers::replay::{Pace, SessionReplay, SessionSettings, arm_protocol, tracker_protocol};
-use drivers::simulated::{self, Faults, Joints};
+use drivers::simulated::{self, Faults, Joints, Machine};
 use drivers::tracker::polhemus::{self, Line, fastrak, isotrak, liberty, viper};
 use drivers::transport::{MemoryOpener, Opener, Peer};
 use formats::session::{LineProtocol, RecordedDevice, SessionWriter, WriterOptions};
@@ -179,8 +179,8 @@ fn reconnected_device_session_replays_exactly() {
     let (_folder, settings, live, recorded) = record(&mut device, &clock, 8 * SECOND, None, |device, at| {
         let mut twin = twin.lock().unwrap();
         let away = (3 * SECOND..4 * SECOND).contains(&at);
-        if twin.plugged == away {
-            if away { twin.unplug() } else { twin.plugged = true }
+        if twin.wire.plugged == away {
+            if away { twin.unplug() } else { twin.wire.plugged = true }
         }
         if at > 7 * SECOND && !std::mem::replace(&mut is_home, true) {
             device.home(63).unwrap();

@@ -67,7 +67,7 @@ impl Opener for StubbornOpener {
 fn unit_accepting_nothing_is_silent_and_rarely_reset() {
     let (clock, refuses) = (Manual::at(BEGIN), Arc::new(Mutex::new((true, Vec::new()))));
     let mut twin = Twin::new(ticking(), Faults::default());
-    twin.usb = true;
+    twin.wire.usb = true;
     let twin = Arc::new(Mutex::new(twin));
     let opener = StubbornOpener {
         opener: MemoryOpener::new(Arc::clone(&twin), clock.clone(), 0),

@@ -21,12 +21,12 @@ fn twin() -> Twin {
 }
 
 fn usb(mut twin: Twin) -> Twin {
-    twin.usb = true;
+    twin.wire.usb = true;
     twin
 }
 
 fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
-    let line = if twin.usb { Line::Usb } else { Line::Serial(None) };
+    let line = if twin.wire.usb { Line::Usb } else { Line::Serial(None) };
     let mut rig = Rig::new(twin, Unit::new("a line", settings, line).unwrap(), false);
     rig.device.start().unwrap();
     rig
@@ -57,8 +57,8 @@ fn poses_match_sensors_at_stamp_and_tick_times() {
         (None, 0b1, 10.0, 30.0),
     ] {
         let mut left = twin();
-        (left.sensors, left.usb, left.distortion, left.buttons) = (sensors, baud.is_none(), 9, 2);
-        left.baud = baud.unwrap_or(115_200);
+        (left.sensors, left.wire.usb, left.distortion, left.buttons) = (sensors, baud.is_none(), 9, 2);
+        left.wire.baud = baud.unwrap_or(115_200);
         let required = if sensors == 1 { Settings::default() } else { two() };
         let required = Settings { rate_hz, ..required };
         let stations = required.stations.clone();
@@ -98,7 +98,7 @@ fn unit_in_any_initial_state_is_set_up() {
     for baud in BAUDS.map(Some).into_iter().chain([None]) {
         for left in 0..32 {
             let mut twin = twin();
-            (twin.baud, twin.usb) = (baud.unwrap_or(115_200), baud.is_none());
+            (twin.wire.baud, twin.wire.usb) = (baud.unwrap_or(115_200), baud.is_none());
             twin.continuous = left & 1 != 0;
             (twin.units, twin.accelerations) = if left & 2 != 0 { ([3, 1], true) } else { ([0, 0], false) };
             (twin.sensors, twin.rate) = if left & 4 != 0 { (0b1011, 5) } else { (1, 0) };
@@ -106,7 +106,7 @@ fn unit_in_any_initial_state_is_set_up() {
             (twin.boresight, twin.tip_cm, twin.tracks) = (true, 11.0, true);
             twin.increment = left & 8 != 0;
             if left & 16 != 0 {
-                twin.leave_on_the_line(b"\x00\x00VPRC\x00\x01\x00\x00VPRP\x34\x00", BEGIN);
+                twin.wire.send(b"\x00\x00VPRC\x00\x01\x00\x00VPRP\x34\x00", 0, BEGIN);
                 twin.written_by_another(b"VPRC\x20\x00\x00\x00\xff\xff\xff\xff");
             }
             let mut rig = rig(twin, Settings::default());
@@ -161,7 +161,7 @@ fn sent_commands_match_manufacturer_header() {
         framed(19, 0, [0, 0], &[0]),
         framed(19, 2, [0, 0], &[]),
     ];
-    assert_eq!(rig.twin.lock().unwrap().obeyed, expected);
+    assert_eq!(rig.twin.lock().unwrap().wire.obeyed, expected);
     // Two checksums equal those of the decoder tests' vectors.
     assert_eq!(expected[2][36..], [0x7f, 0xbf, 0, 0]);
     assert_eq!(expected[12][32..], [0x94, 0xcb, 0, 0]);
@@ -243,12 +243,12 @@ fn hung_unit_is_silent_and_returns_in_two_seconds() {
 fn unresponsive_unit_is_reset() {
     for on_usb in [false, true] {
         let mut left = twin();
-        (left.deaf, left.continuous, left.usb) = (true, true, on_usb);
+        (left.deaf, left.continuous, left.wire.usb) = (true, true, on_usb);
         let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
         stubborn.readings(40 * SECOND);
         assert_eq!(stubborn.device.health().state, State::Silent);
         let mut left = twin();
-        (left.deaf, left.continuous, left.usb) = (true, true, on_usb);
+        (left.deaf, left.continuous, left.wire.usb) = (true, true, on_usb);
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..34 * SECOND).contains(&took), "{} s", took / SECOND);
@@ -267,11 +267,11 @@ fn lost_and_damaged_bytes_are_counted_by_frame_count() {
         rig.readings(SECOND);
         let before = {
             let mut twin = rig.twin.lock().unwrap();
-            twin.set_faults(Faults { drop: 0.001, noise: 0.001, dropout: 0.01, ..Faults::default() });
+            twin.wire.set_faults(Faults { drop: 0.001, noise: 0.001, dropout: 0.01, ..Faults::default() });
             twin.harmed
         };
         let poses = rig.poses(60 * SECOND);
-        rig.twin.lock().unwrap().set_faults(Faults::default());
+        rig.twin.lock().unwrap().wire.set_faults(Faults::default());
         assert!(rig.poses(SECOND).len() > 235);
         assert_right(&poses, "lossy");
         let twin = rig.twin.lock().unwrap();
@@ -287,9 +287,9 @@ fn lost_and_damaged_bytes_are_counted_by_frame_count() {
 fn noise_gives_no_wrong_pose() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.twin.lock().unwrap().wire.set_faults(Faults { noise: 0.3, ..Faults::default() });
     assert!(rig.poses(5 * SECOND).iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "none is wrong");
-    rig.twin.lock().unwrap().set_faults(Faults::default());
+    rig.twin.lock().unwrap().wire.set_faults(Faults::default());
     assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
     let poses = rig.poses(SECOND);
     assert!(poses.len() > 115, "{}", poses.len());

@@ -12,8 +12,8 @@ use std::process::ExitCode;
 
 use libtest_mimic::{Arguments, Trial};
 
+use drivers::OpenSettings;
 use drivers::tracker::polhemus::{Model, Port, Settings, TrackerSettings};
-use drivers::{Driver, OpenSettings};
 
 /// Name and function of a test.
 pub(crate) type Test = (&'static str, fn());
@@ -34,5 +34,5 @@ pub(crate) fn run(tests: &[&[Test]]) -> ExitCode {
 /// Opens a tracker in the same way as the daemon.
 pub(crate) fn tracker(model: Model, port: Port, settings: Settings) -> Rig {
     let settings = TrackerSettings { model, port, settings, keeps_raw: false };
-    Rig::start(drivers::tracker::polhemus::TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap())
+    Rig::start(drivers::open(&OpenSettings::Tracker(settings)).unwrap())
 }

@@ -2,9 +2,8 @@
 
 use std::sync::OnceLock;
 
-use drivers::Driver;
 use drivers::grabber::pixels::{Colour, Converter, Layout, Matrix, PixelFormat, Range, Rows};
-use drivers::grabber::{GrabberDriver, GrabberSettings, Interlace, Standard};
+use drivers::grabber::{self, GrabberSettings, Interlace, Standard};
 use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic, SECOND};
 use sonoweave_core::reading::{Frame, Status};
@@ -29,7 +28,7 @@ fn listing() {
     let ghost = "/dev/video9";
     let device = rustix::fs::makedev(major, minor);
     rustix::fs::mknodat(rustix::fs::CWD, ghost, rustix::fs::FileType::CharacterDevice, 0o600.into(), device).unwrap();
-    let listed = GrabberDriver.list();
+    let listed = grabber::list();
     let find = |id: &str| listed.iter().find(|listing| listing.id == id);
     let camera = find(CAPTURE_NODE).unwrap();
     assert_eq!(camera.unavailable, None);

@@ -4,9 +4,9 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 
-use drivers::simulated::{Faults, liberty};
-use drivers::tracker::polhemus::{Model, Port, Settings, TrackerDriver};
-use drivers::{Driver, transport};
+use drivers::simulated::{Faults, Machine, liberty};
+use drivers::tracker::polhemus::{self, Model, Port, Settings};
+use drivers::transport;
 use sonoweave_core::Next;
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -74,7 +74,7 @@ fn ftdi() {
             println!("\nGUEST-UNPLUG:adapter");
         },
         || {
-            twin.lock().unwrap().plugged = true;
+            twin.lock().unwrap().wire.plugged = true;
             println!("\nGUEST-PLUG:adapter");
             wait_for_adapter(true);
             (Spoken::on(PORT, 115_200, &twin), Monotonic.now_ns())
@@ -87,7 +87,7 @@ fn port_8250() {
     wait_for_adapter(true);
     for baud in [115_200, 57_600, 38_400, 19_200, 9_600] {
         let (twin, truth) = a_fastrak();
-        twin.lock().unwrap().baud = baud;
+        twin.lock().unwrap().wire.baud = baud;
         let _spoken = Spoken::on(FTDI, baud, &twin);
         let mut rig = open(Model::Fastrak, PORT, Some(baud));
         rig.until(State::Running, 6 * SECOND);
@@ -166,11 +166,11 @@ fn hung() {
     let _spoken = Spoken::on(PORT, 115_200, &twin);
     let mut rig = open(Model::Fastrak, FTDI, Some(115_200));
     assert_exact(&mut rig, &truth, 120);
-    twin.lock().unwrap().hung = true;
+    twin.lock().unwrap().wire.hung = true;
     let noticed = rig.until(State::Silent, 2 * SECOND);
     assert!(rig.readings(2 * SECOND).is_empty());
     assert_eq!(rig.state(), State::Silent);
-    twin.lock().unwrap().hung = false;
+    twin.lock().unwrap().wire.hung = false;
     let back = rig.until(State::Running, 4 * SECOND);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
     truth.assert_exact(&rig.poses(60));
@@ -180,7 +180,7 @@ fn hung() {
 
 fn listing() {
     wait_for_adapter(true);
-    let listed = TrackerDriver.list();
+    let listed = polhemus::list();
     let described = |path: &str| listed.iter().find(|l| l.id == path).map(|l| l.description.as_str());
     assert_eq!(described(FTDI), Some("QEMU QEMU USB SERIAL (0403:6001), /dev/ttyUSB0"));
     assert_eq!(described(PORT), Some("serial line, /dev/ttyS1"));

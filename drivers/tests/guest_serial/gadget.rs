@@ -8,10 +8,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::ea1::SampleFormat;
-use drivers::arm::{ArmDriver, ArmSettings, Model, Settings};
-use drivers::simulated::Faults;
+use drivers::arm::{ArmSettings, Model, Settings};
 use drivers::simulated::ea1::Twin;
-use drivers::{Driver, Listing, OpenSettings, tracker::polhemus};
+use drivers::simulated::{Faults, Machine};
+use drivers::transport::serial;
+use drivers::{Listing, OpenSettings, tracker::polhemus};
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
 use sonoweave_core::reading::{Counts, Status};
@@ -83,7 +84,7 @@ fn tracker() {
             twin.lock().unwrap().unplug();
         },
         || {
-            twin.lock().unwrap().plugged = true;
+            twin.lock().unwrap().wire.plugged = true;
             let since = plug_in();
             (Spoken::on(GADGET, 115_200, &twin), since)
         },
@@ -154,7 +155,7 @@ fn arm() {
         let mut spoken = Some(Spoken::on(GADGET, 115_200, &twin));
         let model = Model::Ea1 { path: HOST.into(), format };
         let settings = ArmSettings { model, settings: Settings::default(), keeps_raw: false };
-        let mut rig = Rig::start(ArmDriver.open(&OpenSettings::Arm(settings)).unwrap());
+        let mut rig = Rig::start(drivers::open(&OpenSettings::Arm(settings)).unwrap());
         rig.until(State::Running, 6 * SECOND);
         assert_right(&mut rig, &twin, &requested);
         // The same plug supplies its power: the arm loses its home position.
@@ -171,7 +172,7 @@ fn arm() {
         assert!(rig.readings(700 * MS).is_empty());
         {
             let mut twin = twin.lock().unwrap();
-            twin.plugged = true;
+            twin.wire.plugged = true;
             twin.restart(Monotonic.now_ns());
         }
         let plugged = plug_in();
@@ -188,7 +189,7 @@ fn arm() {
 }
 
 fn lines() -> Vec<Listing> {
-    let mut found = ArmDriver.list();
+    let mut found = serial::list();
     found.retain(|listing| listing.id == HOST);
     found
 }
@@ -197,7 +198,7 @@ fn listing() {
     let wait = |count: usize| {
         let begin = Monotonic.now_ns();
         while lines().len() != count {
-            assert!(Monotonic.now_ns() < begin + 5 * SECOND, "{:?}", ArmDriver.list());
+            assert!(Monotonic.now_ns() < begin + 5 * SECOND, "{:?}", serial::list());
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
         (Monotonic.now_ns() - begin) / MS

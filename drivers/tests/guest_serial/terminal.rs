@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use serialport::{SerialPort, TTYPort};
 
+use drivers::simulated::Machine;
 use drivers::tracker::polhemus::Model;
 use drivers::transport::Peer;
 use sonoweave_core::clock::{Clock, Monotonic};
@@ -49,7 +50,7 @@ fn hang_up() {
             twin.lock().unwrap().unplug();
         },
         || {
-            twin.lock().unwrap().plugged = true;
+            twin.lock().unwrap().wire.plugged = true;
             (speak(&twin), Monotonic.now_ns())
         },
     );

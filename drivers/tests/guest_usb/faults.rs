@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use drivers::simulated::Model;
+use drivers::simulated::{Machine, Model};
 use drivers::tracker::polhemus::Settings;
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
@@ -133,12 +133,12 @@ fn hung() {
     let mut rig = unit.open();
     rig.until(State::Running, 5 * SECOND);
     rig.poses(100);
-    unit.twin().hung = true;
+    unit.twin().wire.hung = true;
     let noticed = rig.until(State::Silent, 2 * SECOND);
     assert!(rig.readings(2 * SECOND).is_empty());
     assert_eq!(rig.state(), State::Silent);
     assert!(rig.why().contains("does not answer; check that the unit is switched on"), "{}", rig.why());
-    unit.twin().hung = false;
+    unit.twin().wire.hung = false;
     let back = rig.until(State::Running, 4 * SECOND);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
     unit.truth.assert_exact(&rig.poses(100));

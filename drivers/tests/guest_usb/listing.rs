@@ -1,7 +1,7 @@
 //! Listing of devices that are plugged in, and of those that can be opened.
 
-use drivers::tracker::polhemus::{Settings, TrackerDriver};
-use drivers::{Driver, Listing};
+use drivers::Listing;
+use drivers::tracker::polhemus::{self, Settings};
 use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 use sonoweave_core::health::State;
 
@@ -16,7 +16,7 @@ pub(crate) const TESTS: &[Test] = &[
 ];
 
 fn on_usb() -> Vec<Listing> {
-    TrackerDriver.list().into_iter().filter(|listing| listing.id.starts_with("usb")).collect()
+    polhemus::list().into_iter().filter(|listing| listing.id.starts_with("usb")).collect()
 }
 
 /// Polls until `count` devices are listed. Returns them, and the time it took, ns.

@@ -21,7 +21,7 @@ mod vhci;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use drivers::simulated::{Faults, Model, Simulated, fastrak, liberty, viper};
+use drivers::simulated::{Faults, Machine, Model, Simulated, fastrak, liberty, viper};
 use drivers::tracker::polhemus::{self, Port, Settings};
 
 use descriptors::Described;
@@ -51,7 +51,7 @@ impl<M: Model + 'static> Unit<M> {
     ) -> Self {
         let truth = Truth::new();
         let mut twin = make(truth.motion());
-        twin.usb = true;
+        twin.wire.usb = true;
         Self { model, truth, twin: Arc::new(Mutex::new(twin)), described, port: 0, plug: None }
     }
 
@@ -64,7 +64,7 @@ impl<M: Model + 'static> Unit<M> {
     }
 
     fn plug_in(&mut self) {
-        self.twin().plugged = true;
+        self.twin().wire.plugged = true;
         self.plug = Some(Plug::into(self.port, self.described.clone(), Arc::clone(&self.twin)));
     }
 

@@ -168,7 +168,7 @@ fn no_allocations() {
     }
     assert_eq!(allocations::so_far() - before, 0);
     // A wait without a reading does not allocate either.
-    unit.twin().hung = true;
+    unit.twin().wire.hung = true;
     rig.readings(100 * MS);
     let before = allocations::so_far();
     for _ in 0..10 {

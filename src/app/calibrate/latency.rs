@@ -71,9 +71,7 @@ impl Options {
                     match self.by_crossings(&source, calibration, &mut notes) {
                         Ok(found) => Found::Crossings(Box::new(found)),
                         Err(Failure(no_crossings)) => {
-                            return Err(Failure(format!(
-                                "by --method line: {no_floor}; by --method crossings: {no_crossings}"
-                            )));
+                            fail!("by --method line: {no_floor}; by --method crossings: {no_crossings}");
                         }
                     }
                 }
@@ -90,10 +88,10 @@ impl Options {
     /// [`Failure`] with the flag.
     pub(crate) fn check(&self, outputs: &Outputs) -> Result<(), Failure> {
         if !(20.0..=1000.0).contains(&self.range_ms) {
-            return Err(Failure(format!("--range-ms {}: must lie between 20 and 1000", self.range_ms)));
+            fail!("--range-ms {}: must lie between 20 and 1000", self.range_ms);
         }
         if let Some(ms) = self.video_latency_ms.filter(|ms| !(-1000.0..=1000.0).contains(ms)) {
-            return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
+            fail!("--video-latency-ms {ms}: must lie between -1000 and 1000");
         }
         // The calibration may be the output file: its other contents are kept.
         let config = self.config.as_ref().filter(|path| !outputs.is_output(path));
@@ -182,7 +180,7 @@ impl Options {
         })?;
         *notes = unfit.notes();
         let Some((ends, [width, height])) = ends else {
-            return Err(Failure(format!("{}: holds no usable frame", source.paths()[0].display())));
+            fail!("{}: holds no usable frame", source.paths()[0].display());
         };
         let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
         let is_data: Vec<bool> = (0..height)

@@ -69,10 +69,7 @@ impl Outputs {
             return Err(Failure("--output and --report name the same file; give different names".into()));
         }
         if let Some(page) = self.report.iter().find(|path| is_page(path) && !has_page) {
-            return Err(Failure(format!(
-                "{}: there is no page for this report; give a name that ends in .json",
-                page.display()
-            )));
+            fail!("{}: there is no page for this report; give a name that ends in .json", page.display());
         }
         self.before()?;
         Ok(())

@@ -31,18 +31,15 @@ impl Chain {
         {
             let beside = path.with_file_name(earlier.file_name().unwrap_or_default());
             let Some(found) = [&earlier, &beside].into_iter().find(|path| path.is_file()) else {
-                return Err(Failure(format!(
+                fail!(
                     "{}: continues {}, which is missing; put that session into the same folder, because the volume \
                     needs its slices",
                     path.display(),
                     earlier.display()
-                )));
+                );
             };
             if links.len() >= MOST || links.iter().any(|(path, _)| path == found) {
-                return Err(Failure(format!(
-                    "{}: its chain of sessions leads back to itself; give another session",
-                    session.display()
-                )));
+                fail!("{}: its chain of sessions leads back to itself; give another session", session.display());
             }
             let link = (found.clone(), RecordedDecisions::read(found)?);
             links.insert(0, link);
@@ -86,12 +83,12 @@ pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, F
     let changed = changes.next_session.iter().filter(|change| of_volume(&change.key));
     let changed: Vec<String> = changed.map(ToString::to_string).collect();
     if !changed.is_empty() {
-        return Err(Failure(format!(
+        fail!(
             "--resume {}: was recorded with other settings ({}), which would misplace new slices; use the recorded \
             configuration, or begin a new session",
             session.display(),
             changed.join("; ")
-        )));
+        );
     }
     chain.recorded(None, Pace::Unpaced)
 }

@@ -63,7 +63,7 @@ impl Kept {
     /// [`Failure`], as of [`Self::bedside`].
     pub(crate) fn at_first(session: &Path, decisions: &RecordedDecisions) -> Result<Bedside, Failure> {
         let [first] = decisions.notes(CONFIGURATION) else {
-            return Err(Failure(format!("{}: holds no configuration; give one with --config", session.display())));
+            fail!("{}: holds no configuration; give one with --config", session.display());
         };
         Self::read(session, first)
     }
@@ -136,10 +136,10 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
         }
         Tracking::Arm(_) => {
             let Some(arm) = bedside.calibration.arm else {
-                return Err(Failure(
+                fail!(
                     "the calibration has no [[arm.joint]], so counts cannot become poses; give a calibration file with \
-                    them".into(),
-                ));
+                    them"
+                );
             };
             let kinematics = Box::new(move |counts: &[f64]| placed(&arm, counts));
             let reach = arm.spread().iter().map(rigid).collect();
@@ -175,11 +175,10 @@ pub(crate) fn record(bedside: &Bedside, folder: &Path) -> Result<Record, Failure
 pub(crate) fn record_of(bedside: &Bedside, folder: &Path, pictures: bool) -> Result<Record, Failure> {
     let full_frame = bedside.record.full_frame;
     if pictures && !full_frame && !bedside.mask.is_known() {
-        return Err(Failure(
+        fail!(
             "cannot record, because the scanner's image is unknown in the video, and the patient's name may be beside \
             it; give [calibration] clip_px or fan, or [record] full_frame = true"
-                .into(),
-        ));
+        );
     }
     room::check(folder, bedside.record.keep_free_bytes)?;
     let writer = SessionWriter::create(folder, WriterOptions::new(concat!("sonoweave ", env!("CARGO_PKG_VERSION"))))?;

@@ -18,10 +18,10 @@ pub(crate) fn outputs(
     folders: &Beside,
 ) -> Result<Vec<(PathBuf, Beside)>, Failure> {
     if !folder.is_dir() {
-        return Err(Failure(format!(
+        fail!(
             "{}: is not a folder, but several recordings need one; make the folder, and give it with -o",
             folder.display()
-        )));
+        );
     }
     folders.check_folders()?;
     let mut taken = BTreeSet::new();
@@ -31,11 +31,11 @@ pub(crate) fn outputs(
         let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("volume");
         let output = folder.join(format!("{stem}.mha"));
         if !taken.insert(output.clone()) {
-            return Err(Failure(format!(
+            fail!(
                 "{}: its volume and another recording's would both be {}; reconstruct them by separate commands",
                 sequence.display(),
                 output.display()
-            )));
+            );
         }
         // An output must not be any of the recordings.
         let beside = folders.of(stem);

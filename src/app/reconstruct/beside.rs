@@ -33,11 +33,11 @@ impl Beside {
         let given = [("--weights", &self.weights), ("--planes", &self.planes), ("--stats", &self.stats)];
         for ((flag, path), end) in given.into_iter().zip(ENDS) {
             if let Some(path) = path.as_deref().filter(|path| !path.is_dir()) {
-                return Err(Failure(format!(
+                fail!(
                     "{flag} {}: is not a folder, but several recordings need one for their files (NAME.{end}); make \
                     the folder, or give that of -o",
                     path.display()
-                )));
+                );
             }
         }
         Ok(())

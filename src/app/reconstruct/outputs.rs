@@ -109,7 +109,7 @@ impl OutputOptions {
             Scalar::F32 => true,
         };
         if !representable {
-            return Err(Failure(format!("--unseen {}: is not a value of type {}", self.unseen, scalar.name())));
+            fail!("--unseen {}: is not a value of type {}", self.unseen, scalar.name());
         }
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }

@@ -83,7 +83,7 @@ impl Following {
         };
         let lattice = canonical(inserted.reconstructor.world_from_lattice());
         let Some(reached) = inserted.reached else {
-            return Err(Failure("no slice has a pose; check the transforms".into()));
+            fail!("no slice has a pose; check the transforms");
         };
         let [low, high] = reached.map(|voxel| lattice.index(voxel));
         let stage = RenderRegion::new(lattice.world_from_lattice, low, high)?;

@@ -96,7 +96,7 @@ impl Planes {
     fn begin(&self, inserted: &InsertedSlice) -> Result<FirstSlice, Failure> {
         let lattice = canonical(inserted.reconstructor.world_from_lattice());
         let (Some(reached), Some(kernels)) = (inserted.reached, inserted.reconstructor.kernels()) else {
-            return Err(Failure("no slice has a pose; check the transforms".into()));
+            fail!("no slice has a pose; check the transforms");
         };
         let place = Box3::new(lattice.world_from_lattice, reached.map(|voxel| lattice.index(voxel)));
         let sheet = self.look.planar.sheet(&place, self.look.view.image_size)?;

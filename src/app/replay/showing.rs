@@ -65,7 +65,7 @@ pub(crate) fn run(
     leave: Leave<'_>,
 ) -> Result<(), Failure> {
     if request.series.is_some() {
-        return Err(Failure("--pictures: cannot be combined with --console; leave one of them out".into()));
+        fail!("--pictures: cannot be combined with --console; leave one of them out");
     }
     let (_, bedside) = request.open()?;
     bedside.calibrated().map_err(Failure::configuration)?;

@@ -10,9 +10,9 @@ use calibration::file::CalibrationFile;
 
 use super::super::Failure;
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::arm::{Options, TouchedArm};
 use crate::app::calibrate::outputs::{Input, Outputs, originates};
+use crate::cli::print::print;
 use report::{CheckReport, FitReport, Results};
 
 /// Flags of `calibrate arm`.

@@ -10,8 +10,8 @@ use export::drawing::drawing;
 use export::whole::write_whole;
 
 use super::super::Failure;
-use super::print::print;
 use crate::app::input;
+use crate::cli::print::print;
 
 /// Flags of `calibrate drawing`.
 #[derive(Debug, Args)]

@@ -13,10 +13,10 @@ use config::phantom::PhantomSettings;
 
 use super::super::{Failure, values};
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::landmarks::{Found, Touches, tip};
 use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
 use crate::app::calibrate::poses::{Counts, Recording};
+use crate::cli::print::print;
 
 /// Flags of `calibrate landmarks`.
 #[derive(Debug, Args)]

@@ -8,9 +8,9 @@ use calibration::file::CalibrationFile;
 
 use super::super::Failure;
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::latency::Options;
 use crate::app::calibrate::outputs::{Outputs, originates};
+use crate::cli::print::print;
 use report::Report;
 
 /// Flags of `calibrate latency`.
@@ -46,11 +46,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     options.check(outputs)?;
     let report = Report::new(options.find(&mut AdviceDisplay::default())?)?;
     if report.latency().tracker_ms.abs() > 1000.0 {
-        return Err(Failure(format!(
+        fail!(
             "the tracker's latency would be {:.0} ms, but 1000 ms is the limit; check that all stamps are from one \
             clock",
             report.latency().tracker_ms
-        )));
+        );
     }
     let change = |file: &mut CalibrationFile| {
         file.latency = Some(report.latency());

@@ -10,10 +10,10 @@ use calibration::statistics::Spread;
 
 use super::super::{Failure, values};
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
 use crate::app::calibrate::pivot::{Found, Swings, sds};
 use crate::app::calibrate::poses::{Counts, Poses, Recording};
+use crate::cli::print::print;
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]

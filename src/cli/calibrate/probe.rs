@@ -10,10 +10,10 @@ use clap::{ArgGroup, Args};
 
 use super::super::Failure;
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::outputs::{Input, Outputs};
 use crate::app::calibrate::probe::quality::quality;
 use crate::app::calibrate::probe::{Found, Lag, Made, Method, Options, pictures};
+use crate::cli::print::print;
 use crate::cli::progress::steps;
 use report::{Report, text};
 
@@ -63,9 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return target::run(options, outputs);
     }
     if let Some(flag) = target.given() {
-        return Err(Failure(format!(
-            "{flag}: has no effect with --method nwire; leave it out, or choose another --method"
-        )));
+        fail!("{flag}: has no effect with --method nwire; leave it out, or choose another --method");
     }
     let Some(phantom) = phantom else {
         return Err(Failure(

@@ -14,10 +14,10 @@ use sonoweave_core::date::Date;
 
 use super::super::Failure;
 use super::advice::AdviceDisplay;
-use super::print::print;
 use crate::app::calibrate::outputs::{Input, Outputs, originates, place, rows};
 use crate::app::calibrate::poses::Counts;
 use crate::app::calibrate::tracker::{Found, Measured, Options};
+use crate::cli::print::print;
 
 /// Largest number of cells that the text lists.
 const MOST_PRINTED: usize = 8;
@@ -95,11 +95,10 @@ struct CellReport {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
     if options.other.is_none() && outputs.changes_file() {
-        return Err(Failure(
+        fail!(
             "--output: a sensor's noise is not part of a calibration file, only a map of the room (--other); leave it \
             out"
-            .into(),
-        ));
+        );
     }
     outputs.check(&[options.recording(&options.tracker).path()], false)?;
     let Found { path, counts, result } = options.find(&mut AdviceDisplay::default())?;

@@ -126,7 +126,7 @@ struct TransformCount {
 }
 
 /// Placement of the images, as `reconstruct` determines it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct Placement {
     /// The transforms from the image to the world.
     route: Option<String>,
@@ -336,17 +336,7 @@ impl Times {
 
 impl Placement {
     fn none(problem: String, ledger: Ledger, notes: Vec<String>) -> Self {
-        Self {
-            route: None,
-            world: None,
-            problem: Some(problem),
-            pixel_mm: None,
-            sweep_mm: None,
-            gap_mm: None,
-            bounds_mm: None,
-            ledger,
-            notes,
-        }
+        Self { problem: Some(problem), ledger, notes, ..Self::default() }
     }
 
     fn of(survey: &Survey, notes: Vec<String>) -> Self {

@@ -19,7 +19,7 @@ const SHOWN: [&str; 3] = ["version", "settings", "calibration"];
 const SHOWN_CHARACTERS: usize = 2000;
 
 /// A session's content.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub(super) struct SessionReport {
     path: PathBuf,
     bytes: u64,
@@ -139,19 +139,7 @@ impl SessionReport {
         let mut report = Self {
             path: path.to_owned(),
             bytes: std::fs::metadata(path).map_or(0, |file| file.len()),
-            program: String::new(),
-            began: String::new(),
-            realtime_offset_ns: 0,
-            duration_s: 0.0,
-            finished: false,
-            devices: Vec::new(),
-            topics: Vec::new(),
-            histograms: Vec::new(),
-            notes: BTreeMap::new(),
-            shown: BTreeMap::new(),
-            losses: Vec::new(),
-            damage: Vec::new(),
-            repaired: None,
+            ..Self::default()
         };
         let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
         let (mut span_ns, mut losses, mut streams) = (None, Vec::new(), Streams::default());

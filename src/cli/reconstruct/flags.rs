@@ -224,7 +224,7 @@ impl Flags {
         };
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
+            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         settings.memory_bytes = most as u64;
         let session = Session {

@@ -139,7 +139,7 @@ impl Unit {
         let deaf = found == Found::Deaf;
         fn port<M: simulated::Model + 'static>(unit: Unit, found: Found, mut twin: Simulated<M>, now_ns: i64) -> Port {
             if found == Found::MidRecord {
-                twin.leave_on_the_line(REST, now_ns);
+                twin.wire.send(REST, 0, now_ns);
             }
             Port { name: name(unit), machine: Arc::new(Mutex::new(twin)) }
         }
@@ -197,7 +197,7 @@ impl Unit {
                 twin.homed = if found == Found::Unhomed { 0 } else { 7 };
                 twin.framing = if found == Found::WrongMode { Framing::Blocks } else { Framing::Lines };
                 if found == Found::MidRecord {
-                    twin.leave_on_the_line(REST_OF_SAMPLE, now_ns);
+                    twin.wire.send(REST_OF_SAMPLE, 0, now_ns);
                 }
                 one(Arc::new(Mutex::new(twin)))
             }
@@ -219,7 +219,7 @@ impl Unit {
             Self::Microscribe => {
                 let mut twin = microscribe::Twin::new(Arc::clone(joints), faults);
                 if talks {
-                    (twin.session, twin.baud) = (microscribe::Session::Begun, 115_200);
+                    (twin.session, twin.wire.baud) = (microscribe::Session::Begun, 115_200);
                 }
                 one(Arc::new(Mutex::new(twin)))
             }

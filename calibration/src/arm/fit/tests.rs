@@ -10,8 +10,8 @@ use crate::arm::inverse::Elbow;
 use crate::arm::reach::Reach;
 use crate::arm::{Joint, Kind, PlanarPose, Sign};
 use crate::error::ArmError;
-use crate::least_squares::check_jacobian;
-use crate::noise::Noise as Random;
+use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::noise::Noise as Random;
 
 const TURN: f64 = 40_000.0;
 

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use super::*;
 use crate::error::LatencyError;
-use crate::noise::Noise as Random;
+use crate::tests::noise::Noise as Random;
 
 /// Noise of the frames' values, of their stamps and of the tracker.
 #[derive(Clone, Copy)]

@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat};
 use super::super::motion::PoseSample;
 use super::*;
 use crate::error::LatencyError;
-use crate::noise::Noise as Random;
+use crate::tests::noise::Noise as Random;
 
 const SIZE: u32 = 96;
 const PIXEL_MM: f64 = 0.5;

@@ -7,7 +7,7 @@ use glam::EulerRot;
 
 use super::*;
 use crate::error::LatencyError;
-use crate::noise::Noise as Random;
+use crate::tests::noise::Noise as Random;
 
 /// A probe above a floor, with frames every 80 ms and tracked at 50 Hz; `lag` is the tracker's.
 /// Pixels are 0.1 mm; the image origin is 80 mm off the sensor and turned against it.

@@ -1,7 +1,7 @@
 //! Detected lines against known ones, and frames without a line.
 
 use super::*;
-use crate::noise::Noise as Random;
+use crate::tests::noise::Noise as Random;
 
 const WIDTH: usize = 400;
 const HEIGHT: usize = 320;

@@ -5,12 +5,12 @@ use glam::DVec3;
 use sonoweave_core::frames::{Probe, Tracker};
 
 use super::*;
-use crate::noise::Noise;
 use crate::phantom::{Geometry, Wire};
 use crate::probe::dots::Dot;
 use crate::probe::recording::Dots;
-use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
 use crate::probe::track::Poses;
+use crate::tests::noise::Noise;
+use crate::tests::wire_scans::{Imperfect, SIZE_PX, Scan};
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
 
@@ -227,7 +227,7 @@ fn dots_taken_for_another_layer_are_read_again() {
     };
     let (well, badly) = (read(&well), read(&badly));
     assert!(badly.used() + 1 >= well.used(), "{} {}", badly.used(), well.used());
-    for px in crate::probe::simulated::places() {
+    for px in crate::tests::wire_scans::places() {
         let [one, other] = [&well, &badly].map(|found| found.refined.plane.point(px));
         assert!(one.distance(other) < 0.02, "{one} {other}");
     }

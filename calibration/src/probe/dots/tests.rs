@@ -1,8 +1,8 @@
 use super::*;
-use crate::noise::Noise;
 use crate::probe::layout::Layout;
 use crate::probe::matching::Matcher;
-use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
+use crate::tests::noise::Noise;
+use crate::tests::wire_scans::{Imperfect, SIZE_PX, Scan};
 
 /// Renders dots similar to those of a scanner: wider than high, on speckle, each with fainter
 /// echoes below it, above a tank's floor.

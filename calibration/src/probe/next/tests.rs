@@ -1,10 +1,10 @@
 use super::*;
-use crate::noise::Noise;
 use crate::phantom::file::Registration;
 use crate::probe::linear::start;
 use crate::probe::refine::{OptionalUnknowns, refine};
 use crate::probe::sighting::Sighting;
-use crate::probe::simulated::{Hand, Imperfect, SIZE_PX, Scan, places};
+use crate::tests::noise::Noise;
+use crate::tests::wire_scans::{Hand, Imperfect, SIZE_PX, Scan, places};
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.2, turn_deg: 0.1, dot_px: 1.0, lag_s: 0.0 };
 

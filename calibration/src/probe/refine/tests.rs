@@ -1,11 +1,11 @@
 use glam::{DAffine3, DMat3, DQuat, DVec2};
 
 use super::*;
-use crate::least_squares::check_jacobian;
-use crate::noise::{self, mahalanobis};
+use crate::least_squares::tests::jacobian::check_jacobian;
 use crate::probe::linear::start;
 use crate::probe::plane::ImagePlane;
-use crate::probe::simulated::{Imperfect, SIZE_PX, Scan, places};
+use crate::tests::noise::{self, mahalanobis};
+use crate::tests::wire_scans::{Imperfect, SIZE_PX, Scan, places};
 
 const PLANE: OptionalUnknowns = OptionalUnknowns { skew: false, registration: false, lag: false };
 

@@ -177,7 +177,7 @@ impl Tracker {
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
         let tracker = Self { model, port, settings, roles, latency_ns };
         let port = tracker.port.clone().unwrap_or(Port::Serial { path: VIRTUAL.into(), baud: None });
-        drivers::open(&tracker.open_settings(port, false)).map_err(|error| misuse(&keys, &error))?;
+        drivers::open(&tracker.open_settings(port, false)).map_err(|error| keys.refused(&error))?;
         Ok(tracker)
     }
 }
@@ -260,7 +260,7 @@ impl Arm {
         let ports = (ports != [VIRTUAL]).then(|| ports.into_iter().map(PathBuf::from).collect());
         let arm = Self { kind, ports, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
         let named = arm.ports.clone().unwrap_or_default();
-        drivers::open(&arm.open_settings(&named, false)).map_err(|error| misuse(&keys, &error))?;
+        drivers::open(&arm.open_settings(&named, false)).map_err(|error| keys.refused(&error))?;
         Ok(arm)
     }
 }
@@ -338,24 +338,7 @@ impl Grabber {
             return Err(keys.error("colour", "a virtual grabber makes grey frames only; leave it out"));
         }
         let grabber = Self { is_virtual, settings, latency_ns: keys.latency_ns(given.latency_ms, latency_ms) };
-        drivers::open(&grabber.open_settings()).map_err(|error| misuse(&keys, &error))?;
+        drivers::open(&grabber.open_settings()).map_err(|error| keys.refused(&error))?;
         Ok(grabber)
-    }
-}
-
-/// Converts a driver's complaint about settings to an error at the right key.
-pub(super) fn misuse(keys: &Reader<'_, '_>, error: &drivers::Error) -> Error {
-    match error {
-        drivers::Error::Setting { setting, problem, .. } => match *setting {
-            "stations" => keys.error("probe_station", problem),
-            "stylus" => keys.error("stylus_station", problem),
-            "fastest" => keys.error("fastest_counts_per_s", problem),
-            // For a server's settings: names of transforms, and of the image.
-            "transforms" => keys.error("probe", problem),
-            "image" => keys.error("input", problem),
-            setting if keys.knows(setting) => keys.error(setting, problem),
-            _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
-        },
-        _ => keys.error(if keys.knows("port") { "port" } else { "device" }, error.to_string()),
     }
 }

@@ -29,7 +29,7 @@
 //! A message's `log_time` is the time it was handed to the writer, CLOCK_MONOTONIC, and never
 //! decreases. `publish_time` is the message's own stamp. `/session` and the file's metadata
 //! give the offset to times since 1970. `sequence` counts the messages of a topic, including
-//! lost ones. `schema.rs` lists the field numbers.
+//! lost ones. `schemas/` lists the field numbers.
 //!
 //! Only [`About::now`] reads the wall clock, at the session's begin and end: for the file's
 //! name, and for the offset of its times. If the wall clock is changed meanwhile, only the

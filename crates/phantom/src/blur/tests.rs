@@ -3,8 +3,8 @@
 use glam::DQuat;
 
 use super::*;
-use crate::quadrature::brute;
 use crate::scene::{MarschnerLobb, Speckle, Sphere};
+use crate::tests::quadrature::brute;
 use crate::{Motion, ScanSettings};
 
 fn scan(motion: Motion, scene: Scene) -> Scan {

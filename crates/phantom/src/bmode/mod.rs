@@ -108,31 +108,24 @@ pub struct Effects {
 
 impl Effects {
     /// All effects.
-    pub const ALL: Self = Self {
-        speckle: true,
-        surfaces: true,
-        wires: true,
-        attenuation: true,
-        losses: true,
-        reverberation: true,
-        ringing: true,
-        focusing: true,
-        tgc: true,
-        noise: true,
-    };
+    pub const ALL: Self = Self::each(true);
     /// No effects.
-    pub const NONE: Self = Self {
-        speckle: false,
-        surfaces: false,
-        wires: false,
-        attenuation: false,
-        losses: false,
-        reverberation: false,
-        ringing: false,
-        focusing: false,
-        tgc: false,
-        noise: false,
-    };
+    pub const NONE: Self = Self::each(false);
+
+    const fn each(on: bool) -> Self {
+        Self {
+            speckle: on,
+            surfaces: on,
+            wires: on,
+            attenuation: on,
+            losses: on,
+            reverberation: on,
+            ringing: on,
+            focusing: on,
+            tgc: on,
+            noise: on,
+        }
+    }
 }
 
 /// A scanner and its settings. Levels are in dB of amplitude above the mean echo of the

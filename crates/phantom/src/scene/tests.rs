@@ -3,7 +3,7 @@
 use glam::DQuat;
 
 use super::*;
-use crate::quadrature::brute;
+use crate::tests::quadrature::brute;
 
 fn covariance(axes: DMat3, sigma: DVec3) -> DMat3 {
     axes * DMat3::from_diagonal(sigma * sigma) * axes.transpose()

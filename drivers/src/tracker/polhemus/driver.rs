@@ -1,16 +1,15 @@
-//! Driver of Polhemus trackers: lists the connected units and opens the selected one.
+//! Polhemus trackers: lists the connected units and opens the selected one.
 
 use std::sync::Arc;
 
 use sonoweave_core::Device;
-use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::clock::Clock;
 
 use super::model::{Model, Port, TrackerSettings};
 use super::{Line, fastrak, isotrak, liberty, viper};
-use crate::Error;
 use crate::connection::{Connection, Protocol};
 use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
-use crate::{Driver, Listing, OpenSettings};
+use crate::{Error, Listing};
 
 /// Usual serial rate, for opening the line before the rate is known, bits per second.
 const BAUD: u32 = 115_200;
@@ -43,75 +42,58 @@ fn advice(name: &str, options: &str) -> String {
     )
 }
 
-/// Polhemus trackers.
-pub struct TrackerDriver;
-
-impl TrackerDriver {
-    /// Opens a tracker with the given clock.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] for settings that the model does not have.
-    pub fn open_with(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
-        let TrackerSettings { model, port, settings, keeps_raw } = settings;
-        let (opener, line): (Box<dyn Opener>, _) = match port {
-            Port::Serial { path, baud } => {
-                let port = PortPath { path: path.clone(), baud: baud.unwrap_or(BAUD) };
-                (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
-            }
-            Port::Usb(which) => {
-                let waits =
-                    |number: &u16| product(*number).and_then(|(name, options)| Some((*number, advice(name, options?))));
-                let loaders = model.loaders().iter().filter_map(waits).collect();
-                let products = model.products().to_vec();
-                let id = UsbId { vendor: VENDOR, products, loaders, which: which.clone() };
-                (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
-            }
-        };
-        let name = opener.name().to_owned();
-        fn connect<P: Protocol + 'static>(
-            opener: Box<dyn Opener>,
-            clock: Arc<dyn Clock>,
-            protocol: P,
-            keeps_raw: bool,
-        ) -> Box<dyn Device> {
-            Box::new(Connection::new(opener, clock, protocol, keeps_raw))
+/// Opens a tracker with the given clock.
+///
+/// # Errors
+/// [`Error::Setting`] for settings that the model does not have.
+pub fn open(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+    let TrackerSettings { model, port, settings, keeps_raw } = settings;
+    let (opener, line): (Box<dyn Opener>, _) = match port {
+        Port::Serial { path, baud } => {
+            let port = PortPath { path: path.clone(), baud: baud.unwrap_or(BAUD) };
+            (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
         }
-        let settings = settings.clone();
-        Ok(match model {
-            Model::Isotrak => connect(opener, clock, isotrak::Unit::new(&name, settings, line)?, *keeps_raw),
-            Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings, line)?, *keeps_raw),
-            Model::Liberty | Model::Patriot => {
-                connect(opener, clock, liberty::Unit::new(&name, settings, line)?, *keeps_raw)
-            }
-            Model::Viper => connect(opener, clock, viper::Unit::new(&name, settings, line)?, *keeps_raw),
-        })
+        Port::Usb(which) => {
+            let waits =
+                |number: &u16| product(*number).and_then(|(name, options)| Some((*number, advice(name, options?))));
+            let loaders = model.loaders().iter().filter_map(waits).collect();
+            let products = model.products().to_vec();
+            let id = UsbId { vendor: VENDOR, products, loaders, which: which.clone() };
+            (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
+        }
+    };
+    let name = opener.name().to_owned();
+    fn connect<P: Protocol + 'static>(
+        opener: Box<dyn Opener>,
+        clock: Arc<dyn Clock>,
+        protocol: P,
+        keeps_raw: bool,
+    ) -> Box<dyn Device> {
+        Box::new(Connection::new(opener, clock, protocol, keeps_raw))
     }
+    let settings = settings.clone();
+    Ok(match model {
+        Model::Isotrak => connect(opener, clock, isotrak::Unit::new(&name, settings, line)?, *keeps_raw),
+        Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings, line)?, *keeps_raw),
+        Model::Liberty | Model::Patriot => {
+            connect(opener, clock, liberty::Unit::new(&name, settings, line)?, *keeps_raw)
+        }
+        Model::Viper => connect(opener, clock, viper::Unit::new(&name, settings, line)?, *keeps_raw),
+    })
 }
 
-impl Driver for TrackerDriver {
-    fn name(&self) -> &'static str {
-        "tracker"
+/// Lists the serial lines and the units on USB.
+pub fn list() -> Vec<Listing> {
+    let mut found = serial::list();
+    match usb::list(VENDOR) {
+        Ok(devices) => found.extend(devices.iter().map(listing)),
+        Err(why) => found.push(Listing {
+            id: "usb".into(),
+            description: "USB".into(),
+            unavailable: Some(format!("USB devices cannot be listed: {why}")),
+        }),
     }
-
-    fn list(&self) -> Vec<Listing> {
-        let mut found = serial::list();
-        match usb::list(VENDOR) {
-            Ok(devices) => found.extend(devices.iter().map(listing)),
-            Err(why) => found.push(Listing {
-                id: "usb".into(),
-                description: "USB".into(),
-                unavailable: Some(format!("USB devices cannot be listed: {why}")),
-            }),
-        }
-        found
-    }
-
-    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
-        match settings {
-            OpenSettings::Tracker(settings) => Self::open_with(settings, Arc::new(Monotonic)),
-            _ => Err(Error::OtherDriver(self.name())),
-        }
-    }
+    found
 }
 
 /// Describes a USB device of the manufacturer.
@@ -130,6 +112,8 @@ fn listing(device: &nusb::DeviceInfo) -> Listing {
 
 #[cfg(test)]
 mod tests {
+    use sonoweave_core::clock::Monotonic;
+
     use super::*;
     use crate::tracker::polhemus::Settings;
 
@@ -148,21 +132,20 @@ mod tests {
     }
 
     #[test]
-    fn foreign_or_invalid_settings_are_refused() {
-        let refused = |settings: &OpenSettings| TrackerDriver.open(settings).err().unwrap();
-        assert!(matches!(refused(&OpenSettings::sequence("x.mha")), Error::OtherDriver("tracker")));
+    fn invalid_settings_are_refused() {
+        let refused = |settings: &TrackerSettings| open(settings, Arc::new(Monotonic)).err().unwrap();
         let port = Port::Serial { path: "/dev/nothing".into(), baud: None };
         let settings = TrackerSettings { model: Model::Fastrak, port, settings: Settings::default(), keeps_raw: false };
         let wrong = Settings { stations: vec![7], ..Settings::default() };
-        let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+        let wrong = TrackerSettings { settings: wrong, ..settings.clone() };
         assert!(matches!(refused(&wrong), Error::Setting { setting: "stations", .. }));
         for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let wrong = Settings { rate_hz, ..Settings::default() };
-            let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+            let wrong = TrackerSettings { settings: wrong, ..settings.clone() };
             assert!(matches!(refused(&wrong), Error::Setting { setting: "rate_hz", .. }));
         }
         // A missing device is not an error, because it may be connected later.
-        let mut device = TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap();
+        let mut device = open(&settings, Arc::new(Monotonic)).unwrap();
         device.start().unwrap();
         let now = Monotonic.now_ns();
         assert!(matches!(device.next(now + 20_000_000).unwrap(), sonoweave_core::Next::Pending));

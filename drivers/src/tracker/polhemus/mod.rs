@@ -19,7 +19,7 @@ mod settings;
 pub mod setup_sequence;
 pub mod viper;
 
-pub use driver::{TrackerDriver, VENDOR};
+pub use driver::{VENDOR, list, open};
 pub use model::{Model, Port, TrackerSettings};
 pub use settings::Settings;
 pub use setup_sequence::Line;

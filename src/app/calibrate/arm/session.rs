@@ -50,10 +50,7 @@ pub(crate) fn role(bedside: &Bedside) -> DeviceRole {
 pub(crate) fn read(path: &Path, from: Option<f64>, to: Option<f64>) -> Result<Recorded, Failure> {
     let bedside = Kept::bedside(path, &RecordedDecisions::read(path)?)?;
     let Tracking::Arm(_) = bedside.tracking else {
-        return Err(Failure(format!(
-            "{}: holds no arm; record a session with [arm] in its configuration",
-            path.display()
-        )));
+        fail!("{}: holds no arm; record a session with [arm] in its configuration", path.display());
     };
     let (mut samples, mut refused) = (Vec::new(), Vec::new());
     walk(path, false, vec![role(&bedside)], Latencies::Given, |_, live| match live {

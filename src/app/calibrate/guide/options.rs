@@ -32,7 +32,7 @@ impl Gathering {
     pub fn of<'a>(&self, live: Option<&'a PathBuf>) -> Result<Option<&'a PathBuf>, Failure> {
         let needless = [("--record", self.record.is_some()), ("--duration", self.duration.is_some())];
         if let Some((flag, _)) = needless.into_iter().find(|(_, is_given)| live.is_none() && *is_given) {
-            return Err(Failure(format!("{flag}: applies to --live BEDSIDE.toml only; give it, too")));
+            fail!("{flag}: applies to --live BEDSIDE.toml only; give it, too");
         }
         check_duration(self.duration)?;
         Ok(live)

@@ -99,7 +99,7 @@ impl Source {
                     }
                 })?;
                 if found.is_empty() {
-                    return Err(Failure(format!(
+                    fail!(
                         "{}: holds no valid ProbeToTracker ({}); record the probe's poses",
                         tracker.display(),
                         if names.is_empty() {
@@ -107,7 +107,7 @@ impl Source {
                         } else {
                             format!("it holds {}", names.join(", "))
                         }
-                    )));
+                    );
                 }
                 Ok(found)
             }
@@ -200,7 +200,7 @@ fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffin
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     let found = survey(device.as_mut(), &calibration.pairing_options(None))?;
     let Some(first) = found.poses.first() else {
-        return Err(Failure(format!("{}: no frame has a pose; record a tracked sequence", path.display())));
+        fail!("{}: no frame has a pose; record a tracked sequence", path.display());
     };
     let first = first.world_from_image.affine();
     // The frame of the first image: u along x, v in the plane of x and y.

@@ -74,7 +74,7 @@ impl<T> Taken<T> {
         let within_s = [from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY)];
         let [begin, end] = within_s;
         if begin >= end {
-            return Err(Failure(format!("--from {begin} is not before --to {end}; give an earlier begin")));
+            fail!("--from {begin} is not before --to {end}; give an earlier begin");
         }
         let (ledger, samples) = (Ledger::default(), Vec::new());
         Ok(Self { what: what.to_owned(), within_s, ledger, samples, first_refusal: None })
@@ -110,7 +110,7 @@ impl<T> Taken<T> {
                 Some(why) => format!("none of {read} {what} is usable; the first: {why}"),
                 None => "holds nothing from the given time; change --from or --to".to_owned(),
             };
-            return Err(Failure(format!("{}: {why}", path.display())));
+            fail!("{}: {why}", path.display());
         }
         let counts = Counts { read, usable: samples.len() as u64, refused: ledger.frames.refused, first_refusal };
         Ok((samples, counts))

@@ -3,7 +3,6 @@
 mod detector;
 mod guide;
 mod observe;
-pub(super) mod options;
 pub(crate) mod quality;
 
 use std::path::Path;
@@ -16,13 +15,12 @@ use calibration::probe::{Observation, Recording};
 use super::super::guide::Advisor;
 use super::super::recorded::Recorded;
 use super::super::tip::tip;
-use super::options::{Method, Options};
+use super::options::{Method, Options, TargetOptions};
 use super::recording::Observed;
 use super::reproducibility::{Reproducibility, reproducibility};
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
 use observe::{Names, observe};
-use options::TargetOptions;
 
 /// A calibration by one of these targets, and what it is based on.
 pub(crate) struct Found {
@@ -100,9 +98,9 @@ impl Options {
         let name = method.name();
         for (flag, is_given) in [("--phantom", phantom.is_some()), ("--registration", registration.is_some())] {
             if is_given {
-                return Err(Failure(format!(
+                fail!(
                     "{flag}: has no effect with --method {name}, which finds the target's position itself; leave it out"
-                )));
+                );
             }
         }
         match (method, stylus_tip) {

@@ -6,12 +6,12 @@ mod report;
 use std::path::Path;
 
 use super::super::advice::AdviceDisplay;
-use super::super::print::print;
 use crate::app::calibrate::outputs::{Input, Outputs};
 use crate::app::calibrate::probe::target::Found;
 use crate::app::calibrate::probe::target::quality::quality;
 use crate::app::calibrate::probe::{Lag, Made, Options, pictures};
 use crate::cli::Failure;
+use crate::cli::print::print;
 use crate::cli::progress::steps;
 use report::{Inputs, Report, text};
 

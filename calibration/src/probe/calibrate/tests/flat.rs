@@ -3,7 +3,7 @@
 use super::*;
 use crate::error::ProbeError;
 use crate::phantom::geometry::tests::three_ns;
-use crate::probe::simulated::{Hand, places};
+use crate::tests::wire_scans::{Hand, places};
 
 /// An operator's motion that brings the dots to all parts of the image.
 const WIDE: Hand = Hand { turn: [0.35, 0.3, 0.3], shift: [9.0, 8.0, 12.0] };

@@ -2,10 +2,10 @@ use glam::DVec3;
 
 use super::*;
 use crate::error::{Axis, ProbeError};
-use crate::noise::Noise;
-use crate::probe::simulated::places;
-use crate::probe::target::simulated::{GOOD, Imperfect, Motion, Scan};
 use crate::probe::track::Poses;
+use crate::tests::noise::Noise;
+use crate::tests::target_scans::{GOOD, Imperfect, Motion, Scan};
+use crate::tests::wire_scans::places;
 
 const TIP: Target = Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 };
 const USUAL: Imperfect =

@@ -1,8 +1,8 @@
 use super::*;
-use crate::least_squares::check_jacobian;
-use crate::noise::{Noise as Random, mahalanobis};
-use crate::probe::simulated::places;
-use crate::probe::target::simulated::{GOOD, Imperfect, Scan};
+use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::noise::{Noise as Random, mahalanobis};
+use crate::tests::target_scans::{GOOD, Imperfect, Scan};
+use crate::tests::wire_scans::places;
 
 const TARGETS: [Target; 3] =
     [Target::Point, Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 }, Target::Plane];

@@ -13,12 +13,12 @@
 //! must also be plausible, unless the unit reports an error with it. Other frames are
 //! [replies](Reply).
 //!
-//! The unit answers in [text] until the host selects binary.
+//! The unit answers in text until the host selects binary. Measurements in text cannot be split
+//! into fields, because times and counts vary in width: text is noise here.
 
 pub mod command;
 mod limits;
 mod list;
-pub mod text;
 mod unit;
 mod write;
 
@@ -31,9 +31,10 @@ use crate::framing::{Format, Parsed, Refusal};
 use limits::{FARTHEST, FEWEST_REPLY_BYTES};
 
 /// Model of the unit: the first two bytes of each frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Tag {
     /// `LY`: LIBERTY.
+    #[default]
     Liberty,
     /// `PA`: PATRIOT.
     Patriot,

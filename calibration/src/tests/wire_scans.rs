@@ -4,37 +4,37 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::{Phantom, Reference, Transform};
 
-use super::layout::Layout;
-use super::matching::Mark;
-use super::plane::ImagePlane;
-use super::sighting::Sighting;
-use super::track::{Poses, Track};
-use crate::noise::Noise;
 use crate::phantom::Geometry;
 use crate::phantom::geometry::tests::three_ns;
+use crate::probe::Layout;
+use crate::probe::matching::Mark;
+use crate::probe::plane::ImagePlane;
+use crate::probe::sighting::Sighting;
+use crate::probe::track::{Poses, Track};
+use crate::tests::noise::Noise;
 
 /// Size of the images, pixels.
-pub(super) const SIZE_PX: [u32; 2] = [820, 616];
+pub(crate) const SIZE_PX: [u32; 2] = [820, 616];
 /// Time between images, s.
 const PERIOD_S: f64 = 0.08;
 
 /// Errors of a scan.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Imperfect {
-    pub(super) position_mm: f64,
-    pub(super) turn_deg: f64,
-    pub(super) dot_px: f64,
-    pub(super) lag_s: f64,
+pub(crate) struct Imperfect {
+    pub(crate) position_mm: f64,
+    pub(crate) turn_deg: f64,
+    pub(crate) dot_px: f64,
+    pub(crate) lag_s: f64,
 }
 
 /// A scan, and its truth.
 #[derive(Clone)]
-pub(super) struct Scan {
-    pub(super) layout: Layout,
-    pub(super) plane: ImagePlane,
-    pub(super) reference_from_phantom: Transform<Reference, Phantom>,
-    pub(super) sightings: Vec<Sighting>,
-    pub(super) track: Track,
+pub(crate) struct Scan {
+    pub(crate) layout: Layout,
+    pub(crate) plane: ImagePlane,
+    pub(crate) reference_from_phantom: Transform<Reference, Phantom>,
+    pub(crate) sightings: Vec<Sighting>,
+    pub(crate) track: Track,
 }
 
 /// Returns the true image plane in the probe's frame.
@@ -45,29 +45,29 @@ fn plane() -> ImagePlane {
 
 /// The operator's motion: rotations about the phantom's axes, rad, and shifts along them, mm.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hand {
-    pub(super) turn: [f64; 3],
-    pub(super) shift: [f64; 3],
+pub(crate) struct Hand {
+    pub(crate) turn: [f64; 3],
+    pub(crate) shift: [f64; 3],
 }
 
 impl Hand {
     /// Along the wires and back, tilting and turning on the way.
-    pub(super) const FREE: Self = Self { turn: [0.3, 0.2, 0.25], shift: [3.0, 7.0, 2.0] };
+    pub(crate) const FREE: Self = Self { turn: [0.3, 0.2, 0.25], shift: [3.0, 7.0, 2.0] };
 }
 
 impl Scan {
     /// Simulates a scan of this many images with a good motion.
-    pub(super) fn new(pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
+    pub(crate) fn new(pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         Self::by(Hand::FREE, pictures, imperfect, noise)
     }
 
     /// Simulates a scan of this many images.
-    pub(super) fn by(hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
+    pub(crate) fn by(hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         Self::of(three_ns(), hand, pictures, imperfect, noise)
     }
 
     /// Simulates a scan of a phantom near the same place.
-    pub(super) fn of(phantom: Geometry, hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
+    pub(crate) fn of(phantom: Geometry, hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         let reference_from_phantom: Transform<Reference, Phantom> =
             Transform::from_affine(DAffine3::from_rotation_translation(
                 DQuat::from_euler(glam::EulerRot::XYZ, 1.5, 0.1, -1.5),
@@ -107,7 +107,7 @@ impl Scan {
     }
 
     /// Adds images, after a while, of a probe that is held still.
-    pub(super) fn hold(
+    pub(crate) fn hold(
         &mut self,
         phantom_from_image: &ImagePlane,
         pictures: usize,
@@ -155,7 +155,7 @@ impl Scan {
 }
 
 /// Returns the image's corners and centre.
-pub(super) fn places() -> [DVec2; 5] {
+pub(crate) fn places() -> [DVec2; 5] {
     let [u, v] = SIZE_PX.map(|n| f64::from(n) - 1.0);
     [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v], [0.5 * u, 0.5 * v]].map(DVec2::from_array)
 }

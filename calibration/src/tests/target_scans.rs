@@ -4,53 +4,53 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 use sonoweave_core::frames::Transform;
 
-use super::detection::Seen;
-use super::{Place, Target};
-use crate::noise::Noise;
 use crate::probe::plane::ImagePlane;
 use crate::probe::recording::{Observation, Recording};
+use crate::probe::target::detection::Seen;
+use crate::probe::target::{Place, Target};
 use crate::probe::track::Poses;
+use crate::tests::noise::Noise;
 
 /// Size of the images, pixels.
-pub(super) const SIZE_PX: [u32; 2] = [820, 616];
+pub(crate) const SIZE_PX: [u32; 2] = [820, 616];
 /// Time between images, s.
 const PERIOD_S: f64 = 0.08;
 
 /// Motion of the probe: tilt about the image's axes, rad, and the share of the image over which
 /// the target moves.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Motion {
-    pub(super) tilt: DVec3,
-    pub(super) part: f64,
+pub(crate) struct Motion {
+    pub(crate) tilt: DVec3,
+    pub(crate) part: f64,
 }
 
 /// The recommended motion.
-pub(super) const GOOD: Motion = Motion { tilt: DVec3::new(0.5, 0.5, 0.5), part: 0.4 };
+pub(crate) const GOOD: Motion = Motion { tilt: DVec3::new(0.5, 0.5, 0.5), part: 0.4 };
 
 /// Errors of a scan.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Imperfect {
-    pub(super) position_mm: f64,
-    pub(super) turn_deg: f64,
-    pub(super) seen_px: f64,
+pub(crate) struct Imperfect {
+    pub(crate) position_mm: f64,
+    pub(crate) turn_deg: f64,
+    pub(crate) seen_px: f64,
     /// Distance of the point from the image plane when seen.
-    pub(super) across_mm: f64,
-    pub(super) lag_s: f64,
+    pub(crate) across_mm: f64,
+    pub(crate) lag_s: f64,
     /// Share of the images whose brightest spot, or whose line, belongs to another object.
-    pub(super) wrong: f64,
+    pub(crate) wrong: f64,
 }
 
 /// A scan, and its truth.
-pub(super) struct Scan {
-    pub(super) target: Target,
-    pub(super) plane: ImagePlane,
-    pub(super) place: Place,
-    pub(super) observations: Vec<Observation<Seen>>,
+pub(crate) struct Scan {
+    pub(crate) target: Target,
+    pub(crate) plane: ImagePlane,
+    pub(crate) place: Place,
+    pub(crate) observations: Vec<Observation<Seen>>,
 }
 
 impl Scan {
     /// Simulates a scan of this many images.
-    pub(super) fn new(
+    pub(crate) fn new(
         target: Target,
         pictures: usize,
         motion: Motion,
@@ -135,7 +135,7 @@ impl Scan {
         Self { target, plane, place, observations }
     }
 
-    pub(super) fn recording(&self, timed: bool) -> Recording<'_, Seen> {
+    pub(crate) fn recording(&self, timed: bool) -> Recording<'_, Seen> {
         Recording { observations: &self.observations, track: None, size_px: SIZE_PX, timed }
     }
 }

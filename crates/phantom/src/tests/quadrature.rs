@@ -2,11 +2,11 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Scene;
+use crate::Scene;
 
 /// Convolves the scene with a Gaussian by the midpoint rule over ±6 σ along the Gaussian's
 /// `axes`, with `steps` points on each.
-pub(super) fn brute(scene: &Scene, world: DVec3, axes: DMat3, sigma: DVec3, steps: i32) -> f64 {
+pub(crate) fn brute(scene: &Scene, world: DVec3, axes: DMat3, sigma: DVec3, steps: i32) -> f64 {
     let nodes: Vec<(f64, f64)> = (0..steps)
         .map(|k| {
             let t = (f64::from(k) + 0.5) / f64::from(steps) * 12.0 - 6.0;

@@ -1,7 +1,6 @@
 //! Checks derivatives against finite differences.
 
-use super::blocks::Blocks;
-use super::parameters::{Parameters, State};
+use crate::least_squares::{Blocks, Parameters, State};
 
 /// Step in units of the typical sizes: near the cube root of rounding, where truncation and
 /// rounding errors are equal.
@@ -9,18 +8,18 @@ const STEP: f64 = 1e-5;
 
 /// The largest difference of analytic derivatives and central differences.
 #[derive(Debug, Clone, PartialEq)]
-pub struct JacobianCheck {
+pub(crate) struct JacobianCheck {
     /// The difference over the largest derivative of that block of residuals, both by a typical
     /// size of the parameter.
-    pub largest: f64,
+    pub(crate) largest: f64,
     /// Index of the block of residuals, from 0.
-    pub block: usize,
+    pub(crate) block: usize,
     /// Name of the parameter's component.
-    pub parameter: String,
+    pub(crate) parameter: String,
     /// The given derivative, whitened, by the parameter's typical size.
-    pub analytic: f64,
+    pub(crate) analytic: f64,
     /// The central difference.
-    pub difference: f64,
+    pub(crate) difference: f64,
 }
 
 /// Compares the derivatives from `evaluate` at a state with central differences of its
@@ -28,7 +27,7 @@ pub struct JacobianCheck {
 ///
 /// # Panics
 /// Panics if `evaluate` adds a different number of residuals beside the state than at it.
-pub fn check_jacobian<F>(parameters: &Parameters, state: &State, evaluate: F) -> JacobianCheck
+pub(crate) fn check_jacobian<F>(parameters: &Parameters, state: &State, evaluate: F) -> JacobianCheck
 where
     F: Fn(&State, &mut Blocks<'_>),
 {
