@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::error::ErrorKind;
 
 /// Documents to check, relative to the repository's root.
-const DOCUMENTS: [&str; 11] = [
+const DOCUMENTS: [&str; 12] = [
     "README.md",
     "docs/bedside.md",
     "docs/ea1.md",
@@ -15,6 +15,7 @@ const DOCUMENTS: [&str; 11] = [
     "docs/examples/liberty-usb-grabber.toml",
     "docs/examples/plus-server.toml",
     "docs/examples/probe.toml",
+    "docs/examples/virtual-arm.toml",
     "docs/examples/virtual.toml",
     "docs/phantom/nwire.toml",
 ];

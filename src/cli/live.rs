@@ -83,6 +83,8 @@ enum Example {
     Probe,
     /// No hardware at all
     Virtual,
+    /// An arm without hardware
+    VirtualArm,
 }
 
 impl Example {
@@ -95,6 +97,7 @@ impl Example {
             Self::PlusServer => include_str!("../../docs/examples/plus-server.toml"),
             Self::Probe => include_str!("../../docs/examples/probe.toml"),
             Self::Virtual => include_str!("../../docs/examples/virtual.toml"),
+            Self::VirtualArm => include_str!("../../docs/examples/virtual-arm.toml"),
         }
     }
 }

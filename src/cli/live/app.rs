@@ -127,7 +127,8 @@ impl LiveApp<'_> {
         }
         let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
         if let Some(at_home) = at_home {
-            self.home.listen(at_home, quiet)?;
+            // A virtual arm is switched on at home.
+            self.home.listen(at_home, quiet || bedside.tracking.is_virtual())?;
         }
         if let (Some(record), false) = (&record, quiet) {
             self.print(&format!("recorded in {}", record.writer.path().display()));

@@ -16,11 +16,12 @@ use sonoweave_core::frames::Transform;
 use super::*;
 
 /// Example configurations of the project, by name.
-const EXAMPLES: [(&str, &str); 5] = [
+const EXAMPLES: [(&str, &str); 6] = [
     ("arm-grabber.toml", include_str!("../../../../docs/examples/arm-grabber.toml")),
     ("fastrak-grabber.toml", include_str!("../../../../docs/examples/fastrak-grabber.toml")),
     ("liberty-usb-grabber.toml", include_str!("../../../../docs/examples/liberty-usb-grabber.toml")),
     ("plus-server.toml", include_str!("../../../../docs/examples/plus-server.toml")),
+    ("virtual-arm.toml", include_str!("../../../../docs/examples/virtual-arm.toml")),
     ("virtual.toml", include_str!("../../../../docs/examples/virtual.toml")),
 ];
 
@@ -151,6 +152,10 @@ fn examples_give_device_settings() {
     assert_eq!(virtual_bedside.grabber.latency_ns, 40_000_000);
     assert_eq!(rehearsed.calibration.transforms[0].name(), "ImageToProbe", "its own");
     assert!(rehearsed.mask.fan.is_some(), "the scanner's field");
+
+    let arm = example("virtual-arm.toml");
+    assert!(matches!(arm.mask.clip, Clip::Rect(rect) if (rect.width, rect.height) == (156, 300)), "within its field");
+    assert_eq!((arm.mask.fan, arm.volume.path), (None, PathChoice::Auto));
 }
 
 #[test]
