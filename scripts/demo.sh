@@ -24,6 +24,9 @@ echo
 echo "== its planes"
 sonoweave render "$folder/volume.mha" --weights "$folder/weights.mha" --mode slice -o "$folder/planes.png"
 echo
+echo "== 8 s of a virtual arm, by the planar path"
+sonoweave demo --arm --headless --duration 8 --out "$folder/arm"
+echo
 echo "session        $session"
 echo "configuration  $folder/bedside.toml"
 echo "volume         $folder/volume.mha"

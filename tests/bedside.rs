@@ -1,5 +1,5 @@
-//! Tests the virtual bedside from the device's bytes to the slice's pose. The clocks of trackers
-//! and grabber drift, and their data are late, early, delayed and jittered. The poses of the
+//! Tests the virtual bedside from the device's bytes to the slice's pose. The clocks of trackers,
+//! arm and grabber drift, and their data are late, early, delayed and jittered. The poses of the
 //! frames are compared with the hand's.
 
 #![allow(
@@ -10,21 +10,23 @@
 
 use std::sync::{Arc, Mutex};
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
+use drivers::arm::{Settings as ArmSettings, ea1};
 use drivers::connection::{Connection, Protocol};
 use drivers::simulated::grabber::Grabber;
-use drivers::simulated::{Faults, Machine, fastrak as virtual_fastrak, liberty as virtual_liberty};
+use drivers::simulated::{Faults, Machine, ea1 as virtual_ea1, fastrak as virtual_fastrak, liberty as virtual_liberty};
 use drivers::tracker::polhemus::{Settings, fastrak, liberty};
 use drivers::transport::{MemoryOpener, Peer};
+use phantom::bedside::arm::{BedsideArm, standard_arm};
 use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
-use phantom::{Bedside, Scan, ScanSettings};
+use phantom::{Bedside, Motion, Scan, ScanSettings};
 use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::{Device, Next};
 use sync::PairingOptions;
 use sync::clock::{State, TimeFlags};
-use sync::history::How;
+use sync::history::{How, Rigid};
 use sync::ingest::live::{Gives, Live, LiveIngest};
 use sync::pairing::timed::{Answered, FrameTime, Placed, Source, TimedOptions, TimedPairing};
 
@@ -34,24 +36,74 @@ const SIZE: [u32; 2] = [64, 48];
 const VIDEO_LATENCY: i64 = 40 * MS;
 const TRACKER_LATENCY: i64 = 6 * MS;
 
-fn bedside() -> Arc<Bedside> {
-    let settings =
-        ScanSettings { frames: 120, gap_mm: 0.5, image_size: SIZE, pixel_mm: [0.8, 0.8], ..ScanSettings::default() };
+fn bedside(motion: Motion) -> Arc<Bedside> {
+    let settings = ScanSettings {
+        motion,
+        frames: 120,
+        gap_mm: 0.5,
+        image_size: SIZE,
+        pixel_mm: [0.8, 0.8],
+        ..ScanSettings::default()
+    };
     Arc::new(Bedside::new(Scan::new(settings).unwrap(), BEGIN))
+}
+
+/// The device that carries the probe, as the pairing knows it.
+struct Carrier {
+    gives: Gives,
+    sources: Vec<Source>,
+    /// Pixels to mm at the probe, row by row.
+    probe_from_image: [f64; 16],
+    /// Pixels to world mm at a time.
+    truth: Box<dyn Fn(i64) -> DAffine3>,
+    /// Error of its positions, mm.
+    resolution_mm: f64,
+}
+
+impl Carrier {
+    fn tracker(bedside: &Arc<Bedside>) -> Self {
+        let own = Arc::clone(bedside);
+        Self {
+            gives: Gives::Stations(vec![PROBE_STATION, REFERENCE_STATION]),
+            sources: vec![Source::new("Probe", "Tracker"), Source::new("Reference", "Tracker")],
+            probe_from_image: bedside.scan().probe_from_image().to_rows(),
+            truth: Box::new(move |at_ns| own.world_from_image(at_ns).affine()),
+            // Its records have more digits than matter here.
+            resolution_mm: 0.0,
+        }
+    }
+
+    fn arm(held: &Arc<BedsideArm>) -> Self {
+        let (own, arm) = (Arc::clone(held), *held.arm());
+        let kinematics = move |counts: &[f64]| {
+            let values = std::array::from_fn(|axis| arm.joints()[axis].value(counts[axis]));
+            let pose = arm.pose(&values).tracker_from_probe().affine();
+            let (_, rotation, position_mm) = pose.to_scale_rotation_translation();
+            Some(Rigid { rotation, position_mm })
+        };
+        Self {
+            gives: Gives::Arm { joints: 3, kinematics: Box::new(kinematics), reach: Vec::new() },
+            sources: vec![Source::new("Probe", "Tracker")],
+            probe_from_image: held.probe_from_image().to_rows(),
+            truth: Box::new(move |at_ns| own.tracker_from_image(at_ns).affine()),
+            resolution_mm: held.resolution_mm(),
+        }
+    }
 }
 
 /// Outcome of the frames of a run.
 struct Run {
-    bedside: Arc<Bedside>,
+    truth: Box<dyn Fn(i64) -> DAffine3>,
+    resolution_mm: f64,
     /// Frame number, true acquisition time, and result.
     answered: Vec<(i64, Answered<i64>)>,
     states: [State; 2],
 }
 
-/// Runs a tracker and a grabber for `seconds`. A frame carries its acquisition time, for the
+/// Runs a tracker or arm and a grabber for `seconds`. A frame carries its acquisition time, for the
 /// comparison only.
 fn run<P: Protocol, T: Peer + 'static>(
-    bedside: &Arc<Bedside>,
+    carrier: Carrier,
     twin: T,
     unit: P,
     video: Faults,
@@ -66,17 +118,17 @@ fn run<P: Protocol, T: Peer + 'static>(
     let mut grabber = Grabber::new(seen, SIZE, 30.0, video, Arc::new(clock.clone())).unwrap();
     tracker.start().unwrap();
     grabber.start().unwrap();
-    let stations = vec![PROBE_STATION, REFERENCE_STATION];
+    let Carrier { gives, sources, probe_from_image, truth, resolution_mm } = carrier;
+    let mut gives = Some(gives);
     let mut poses: Option<LiveIngest> = None;
     let mut set_up = 0;
     let mut pictures = LiveIngest::new(Gives::Pictures, grabber.describe().timing, VIDEO_LATENCY);
-    let calibration = bedside.scan().probe_from_image().to_rows();
     let mut region = TimedPairing::new(TimedOptions {
         pairing: PairingOptions {
-            statics: vec![StaticTransform::new("Image", "Probe", &calibration).unwrap()],
+            statics: vec![StaticTransform::new("Image", "Probe", &probe_from_image).unwrap()],
             ..PairingOptions::default()
         },
-        sources: vec![Source::new("Probe", "Tracker"), Source::new("Reference", "Tracker")],
+        sources,
         ..TimedOptions::default()
     })
     .unwrap();
@@ -87,8 +139,8 @@ fn run<P: Protocol, T: Peer + 'static>(
         if let Next::Reading(reading) = tracker.next(deadline).unwrap() {
             let timing = tracker.describe().timing;
             let times = tracker.health().received.set_up;
-            let live = poses
-                .get_or_insert_with(|| LiveIngest::new(Gives::Stations(stations.clone()), timing, TRACKER_LATENCY));
+            let live =
+                poses.get_or_insert_with(|| LiveIngest::new(gives.take().expect("once"), timing, TRACKER_LATENCY));
             if std::mem::replace(&mut set_up, times) != times {
                 live.set_up(timing);
             }
@@ -114,27 +166,30 @@ fn run<P: Protocol, T: Peer + 'static>(
         }
     }
     let states = [poses.as_ref().unwrap().clocks()[0].state(), pictures.clocks()[0].state()];
-    Run { bedside: Arc::clone(bedside), answered, states }
+    Run { truth, resolution_mm, answered, states }
 }
 
 impl Run {
     /// Returns the error of the worst corner, mm.
     fn off_mm(&self, seen_ns: i64, placed: &Placed) -> f64 {
-        let truth = self.bedside.world_from_image(seen_ns);
+        let truth = (self.truth)(seen_ns);
         let [right, bottom] = SIZE.map(|n| f64::from(n) - 1.0);
         [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]]
             .map(|[u, v]| DVec3::new(u, v, 0.0))
-            .map(|corner| (placed.world_from_image.point(corner) - truth.point(corner)).length())
+            .map(|corner| (placed.world_from_image.point(corner) - truth.transform_point3(corner)).length())
             .into_iter()
             .fold(0.0, f64::max)
     }
 
-    /// Prints and checks p50, p99 and the largest error of frames whose clocks were locked. Also
-    /// checks that 99 of 100 frames lie within their bound.
+    /// Prints and returns p50, p99 and the largest error of frames whose clocks were locked. Checks
+    /// that 99 of 100 frames lie within their bound, and the device's resolution.
     fn check(&self, name: &str, from_ns: i64) -> [f64; 3] {
         let placed: Vec<_> =
             self.answered.iter().filter_map(|(seen, ready)| Some((*seen, ready.answer.as_ref().ok()?))).collect();
-        let within = placed.iter().filter(|(seen, placed)| self.off_mm(*seen, placed) <= placed.error_mm).count();
+        let within = placed
+            .iter()
+            .filter(|(seen, placed)| self.off_mm(*seen, placed) <= placed.error_mm + self.resolution_mm)
+            .count();
         assert!(within * 100 >= placed.len() * 99, "{name}: {within} of {} within their bound", placed.len());
         let is_locked = |flags: TimeFlags| {
             ![TimeFlags::ACQUIRING, TimeFlags::HOLDOVER, TimeFlags::LOST].iter().any(|flag| flags.has(*flag))
@@ -147,13 +202,14 @@ impl Run {
         let result = [at(0.5), at(0.99), at(1.0)];
         let bound = figures.iter().map(|f| f[1]).sum::<f64>() / figures.len() as f64;
         println!(
-            "{name}: {} frames, {} placed, {} locked; error p50 {:.4} p99 {:.4} max {:.4} mm, bound {bound:.3} mm on average, {:.2} % within; waited {:.1} ms at most",
+            "{name}: {} frames, {} placed, {} locked; error p50 {:.4} p99 {:.4} max {:.4} mm, resolution {:.4} mm, bound {bound:.3} mm on average, {:.2} % within; waited {:.1} ms at most",
             self.answered.len(),
             placed.len(),
             figures.len(),
             result[0],
             result[1],
             result[2],
+            self.resolution_mm,
             100.0 * within as f64 / placed.len() as f64,
             self.answered.iter().map(|(_, ready)| ready.waited_ns).max().unwrap_or(0) as f64 * 1e-6,
         );
@@ -193,10 +249,19 @@ fn fastrak_run(
     seconds: i64,
     disturb: impl Fn(i64, &Mutex<virtual_fastrak::Twin>),
 ) -> Run {
-    let bedside = bedside();
+    let bedside = bedside(Motion::Freehand);
     let twin = virtual_fastrak::Twin::new(bedside.motion(), faults);
     let unit = fastrak::Unit::new("a line", settings(), None).unwrap();
-    run(&bedside, twin, unit, video, seconds, disturb)
+    run(Carrier::tracker(&bedside), twin, unit, video, seconds, disturb)
+}
+
+/// Runs an arm with encoders of 40000 counts a turn. It was homed before the run.
+fn arm_run(faults: Faults, video: Faults, seconds: i64, disturb: impl Fn(i64, &Mutex<virtual_ea1::Twin>)) -> Run {
+    let held = Arc::new(BedsideArm::new(bedside(Motion::Arm), standard_arm(40_000.0).unwrap()).unwrap());
+    let mut twin = virtual_ea1::Twin::new(held.joints(), faults);
+    (twin.starts_when_opened, twin.homed) = (false, 7);
+    let unit = ea1::Unit::new("a line", ArmSettings::default(), ea1::SampleFormat::Lines).unwrap();
+    run(Carrier::arm(&held), twin, unit, video, seconds, disturb)
 }
 
 #[test]
@@ -209,11 +274,11 @@ fn fastrak_and_grabber_give_correct_frame_poses() {
 
 #[test]
 fn liberty_and_grabber_give_correct_frame_poses() {
-    let bedside = bedside();
+    let bedside = bedside(Motion::Freehand);
     let mut twin = virtual_liberty::Twin::new(bedside.motion(), tracking());
     twin.active = 3;
     let unit = liberty::Unit::new("a line", settings(), None).unwrap();
-    let run = run(&bedside, twin, unit, video(), 40, |_, _| {});
+    let run = run(Carrier::tracker(&bedside), twin, unit, video(), 40, |_, _| {});
     let [p50, p99, most] = run.check("LIBERTY, 4 ms of jitter, 90 ppm", BEGIN + 15 * SECOND);
     assert!(p50 < 0.02 && p99 < 0.1 && most < 0.2, "{p50} {p99} {most}");
 }
@@ -262,4 +327,50 @@ fn unplugged_tracker_is_reported_without_invented_poses() {
             assert!(gap_ns <= 100 * MS, "{gap_ns}");
         }
     }
+}
+
+#[test]
+fn arm_without_delays_lies_within_encoder_resolution() {
+    let of = |latency_ns| Faults { latency_ns, ..Faults::default() };
+    let run = arm_run(of(TRACKER_LATENCY), of(VIDEO_LATENCY), 40, |_, _| {});
+    let [p50, p99, most] = run.check("EA1, nothing late", BEGIN + 15 * SECOND);
+    let resolution = run.resolution_mm;
+    assert!(p50 < 0.5 * resolution && p99 < resolution && most < resolution, "{p50} {p99} {most} of {resolution}");
+}
+
+#[test]
+fn arm_and_grabber_give_correct_frame_poses() {
+    let run = arm_run(tracking(), video(), 40, |_, _| {});
+    let [p50, p99, most] = run.check("EA1, 4 ms of jitter, 90 ppm", BEGIN + 15 * SECOND);
+    let resolution = run.resolution_mm;
+    assert!(p50 < 0.5 * resolution && p99 < resolution && most < resolution, "{p50} {p99} {most} of {resolution}");
+    assert_eq!(run.states, [State::Locked; 2]);
+    let slow = Faults { packet_ns: 16 * MS, ..tracking() };
+    arm_run(slow, video(), 40, |_, _| {}).check("EA1, packets of 16 ms", BEGIN + 15 * SECOND);
+}
+
+#[test]
+fn replugged_arm_gives_no_poses_until_homed() {
+    let run = arm_run(tracking(), video(), 30, |now, twin| {
+        let mut twin = twin.lock().unwrap();
+        let is_out = (BEGIN + 10 * SECOND..BEGIN + 14 * SECOND).contains(&now);
+        match (is_out, twin.wire.plugged) {
+            (true, true) => twin.unplug(),
+            (false, false) => (twin.wire.plugged, twin.homed) = (true, 0),
+            _ => {}
+        }
+        if now > BEGIN + 17 * SECOND {
+            twin.homed = 7;
+        }
+    });
+    run.check("EA1, unplugged for 4 s", BEGIN + 20 * SECOND);
+    let between = |from_ms: i64, to_ms: i64| {
+        run.answered.iter().filter(move |(seen, _)| (BEGIN + from_ms * MS..BEGIN + to_ms * MS).contains(seen))
+    };
+    assert!(between(10_300, 16_700).count() > 180);
+    assert!(between(10_300, 16_700).all(|(_, ready)| ready.answer.is_err()));
+    let why = |(_, ready): &(i64, Answered<i64>)| ready.answer.as_ref().unwrap_err().to_string();
+    let unhomed = between(16_000, 16_700).map(why).filter(|sentence| sentence.contains("not homed"));
+    assert!(unhomed.count() > 15, "{:?}", between(16_000, 16_700).map(why).next());
+    assert!(between(20_000, 29_000).count() > 250 && between(20_000, 29_000).all(|(_, ready)| ready.answer.is_ok()));
 }

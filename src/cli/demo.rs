@@ -16,6 +16,8 @@ use crate::app::live::outputs::Outputs;
 
 /// Session configuration, as `live --example virtual` prints it.
 const BEDSIDE: &str = include_str!("../../docs/examples/virtual.toml");
+/// The same with an arm, as `live --example virtual-arm` prints it.
+const BEDSIDE_WITH_ARM: &str = include_str!("../../docs/examples/virtual-arm.toml");
 
 /// Flags of `demo`.
 #[derive(Debug, Args)]
@@ -23,11 +25,15 @@ const BEDSIDE: &str = include_str!("../../docs/examples/virtual.toml");
 A simulated hand sweeps a virtual probe over a doll in a water tank. A virtual FASTRAK and a virtual frame grabber \
 send their data to the real drivers, with realistic latency and jitter. The session is recorded, reconstructed slice \
 by slice, and drawn in the terminal and on the page at the printed address. The command writes the session, the \
-volume with its weights, the picture, the statistics, and a configuration for `live`.
+volume with its weights, the picture, the statistics, and a configuration for `live`. With --arm, a virtual arm \
+carries a linear probe instead; it is homed within 3 s, and the planar path inserts its slices.
 
 Example: sonoweave demo --duration 12 --out demo
          sonoweave replay demo/SESSION-….mcap --picture again.png")]
 pub struct Arguments {
+    /// Carry the probe by a virtual arm instead of a hand with a tracker
+    #[arg(long)]
+    arm: bool,
     /// End the session after so many seconds; a sweep takes ten [default: run until Ctrl-C or
     /// SIGTERM]
     #[arg(long, value_name = "S")]
@@ -56,7 +62,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let out = &arguments.out;
     let failed = |path: &Path, e: std::io::Error| Failure(format!("{}: cannot be written: {e}", path.display()));
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
-    let text = BEDSIDE.replace("\nseed = 1\n", &format!("\nseed = {}\n", arguments.seed));
+    let example = if arguments.arm { BEDSIDE_WITH_ARM } else { BEDSIDE };
+    let text = example.replace("\nseed = 1\n", &format!("\nseed = {}\n", arguments.seed));
     let path = out.join("bedside.toml");
     std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;

@@ -74,6 +74,8 @@ enum Example {
     Probe,
     /// No hardware at all
     Virtual,
+    /// An arm without hardware
+    VirtualArm,
 }
 
 impl Example {
@@ -86,6 +88,7 @@ impl Example {
             Self::PlusServer => include_str!("../../docs/examples/plus-server.toml"),
             Self::Probe => include_str!("../../docs/examples/probe.toml"),
             Self::Virtual => include_str!("../../docs/examples/virtual.toml"),
+            Self::VirtualArm => include_str!("../../docs/examples/virtual-arm.toml"),
         }
     }
 }

@@ -269,3 +269,14 @@ fn demo_writes_its_outputs_and_uses_the_seed() {
     assert_eq!(stats["config"]["virtual.seed"], 7);
     assert!(stats["frames"]["used"].as_u64().unwrap() > 5, "{stats}");
 }
+
+#[test]
+fn demo_with_arm_takes_planar_path_by_itself() {
+    let place = Place::new();
+    let run = place.run("demo --arm --duration 5 --out demo --seed 7 --headless");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(!run.stderr.contains("not homed"), "{}", run.stderr);
+    let stats = place.json("demo/statistics.json");
+    assert_eq!((&stats["path"], &stats["config"]["virtual.seed"]), (&"planar".into(), &7.into()));
+    assert!(stats["frames"]["used"].as_u64().unwrap() > 5 && stats["pictures"].as_u64() > Some(0), "{stats}");
+}

@@ -167,11 +167,19 @@ pub enum SceneContent {
 }
 
 impl SceneName {
+    /// Returns the scene's default transducer; `None` if no echoes are simulated.
+    pub fn usual_probe(self) -> Option<ProbeName> {
+        match self {
+            Self::Doll | Self::Thigh => Some(ProbeName::Curvilinear),
+            Self::NWire | Self::CrossWire | Self::TankFloor | Self::Stylus => Some(ProbeName::Linear),
+            _ => None,
+        }
+    }
+
     /// Returns the scene and its displayed form.
     pub fn content(self, options: &SceneOptions) -> SceneContent {
-        use ProbeName::{Curvilinear, Linear};
         let SceneOptions { seed, grey, normal, frequency, grain_mm, probe, depth_mm } = *options;
-        let (body, usual, depth, sweep_mm) = match self {
+        let (body, depth, sweep_mm) = match self {
             Self::Constant => return SceneContent::Greys(Scene::Constant(grey)),
             Self::Ramp => return SceneContent::Greys(Scene::standard_ramp()),
             Self::Blobs => return SceneContent::Greys(Scene::Blobs(Blobs::draw(seed))),
@@ -186,20 +194,20 @@ impl SceneName {
             Self::MarschnerLobb => return SceneContent::Greys(Scene::MarschnerLobb(MarschnerLobb::standard())),
             Self::Speckle => return SceneContent::Greys(Scene::Speckle(Speckle::draw(seed, grain_mm))),
             Self::Pulsating => return SceneContent::Greys(Scene::Pulsating(Pulsating::standard())),
-            Self::Doll => (doll::doll(), Curvilinear, 110.0, doll::SWEEP_MM),
-            Self::Thigh => (thigh::thigh(FACE_RADIUS_MM), Curvilinear, 120.0, thigh::SWEEP_MM),
-            Self::NWire => (calibration::n_wires(&calibration::NWires::default()), Linear, 50.0, 36.0),
-            Self::CrossWire => (calibration::cross_wire(28.0), Linear, 50.0, 20.0),
-            Self::TankFloor => (calibration::floor(40.0, DVec2::new(0.1, 0.05)), Linear, 50.0, 30.0),
+            Self::Doll => (doll::doll(), 110.0, doll::SWEEP_MM),
+            Self::Thigh => (thigh::thigh(FACE_RADIUS_MM), 120.0, thigh::SWEEP_MM),
+            Self::NWire => (calibration::n_wires(&calibration::NWires::default()), 50.0, 36.0),
+            Self::CrossWire => (calibration::cross_wire(28.0), 50.0, 20.0),
+            Self::TankFloor => (calibration::floor(40.0, DVec2::new(0.1, 0.05)), 50.0, 30.0),
             Self::Stylus => {
                 let along = DVec3::new(0.55, -0.35, 0.75);
-                (calibration::stylus(DVec3::new(-4.0, 32.0, -8.0), along), Linear, 50.0, 24.0)
+                (calibration::stylus(DVec3::new(-4.0, 32.0, -8.0), along), 50.0, 24.0)
             }
         };
         let depth = depth_mm.unwrap_or(depth);
-        let scanner = match probe.unwrap_or(usual) {
-            Curvilinear => Scanner::abdominal(depth),
-            Linear => Scanner::small_parts(depth),
+        let scanner = match probe.or(self.usual_probe()) {
+            Some(ProbeName::Linear) => Scanner::small_parts(depth),
+            Some(ProbeName::Curvilinear) | None => Scanner::abdominal(depth),
         };
         let scanner = if self == Self::Thigh { scanner } else { scanner.in_water() };
         SceneContent::Echoes(Box::new(Scanned { body, scanner: Scanner { seed, ..scanner }, sweep_mm }))

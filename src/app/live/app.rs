@@ -122,8 +122,10 @@ impl LiveApp<'_> {
         }
         let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
         if let Some(at_home) = at_home {
+            // A virtual arm is switched on at home.
+            let is_silent = quiet || bedside.tracking.is_virtual();
             self.home.listen(at_home, |how| {
-                if !quiet {
+                if !is_silent {
                     self.operator.reporter.say(how)
                 }
             })?;

@@ -34,7 +34,7 @@ pub(crate) struct Kept {
     path: PathBuf,
     /// The file and the files that it names, in full.
     texts: ByPath,
-    /// Effective values of all keys: for people, and for programs that do not know the defaults.
+    /// Effective values of all keys: for people, and for programs with other defaults.
     effective: Effective,
 }
 
@@ -71,7 +71,7 @@ impl Kept {
     fn read(session: &Path, text: &str) -> Result<Bedside, Failure> {
         let failed = |error: String| Failure(format!("{}: its configuration: {error}", session.display()));
         let kept: Self = serde_json::from_str(text).map_err(|error| failed(error.to_string()))?;
-        Bedside::of_texts(&kept.path, kept.texts).map_err(|error| failed(error.to_string()))
+        Bedside::recorded(&kept.path, kept.texts, &kept.effective).map_err(|error| failed(error.to_string()))
     }
 }
 

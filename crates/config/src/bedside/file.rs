@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use calibration::file::Latency;
 use mask::{Clip, MaskError, MaskSettings};
-use phantom::named::TrajectoryName;
 use phantom::{self, Scan};
 use sonoweave_core::date::Date;
 use sonoweave_core::keys::{FileError, Source, Table};
@@ -130,12 +129,8 @@ impl Bedside {
         notes.extend(calibrated.and_then(|calibrated| other_lag(&calibrated, &tracking, &grabber)));
 
         let virtual_bedside = if tracking.is_virtual() || grabber.is_virtual {
-            let usual = match tracking {
-                Tracking::Tracker(_) | Tracking::Remote(_) => TrajectoryName::Freehand,
-                Tracking::Arm(_) => TrajectoryName::Arm,
-            };
             let (hand, inner) =
-                VirtualBedside::read(Reader::new(path, Some(root), "virtual", &mut effective)?, usual, &grabber)?;
+                VirtualBedside::read(Reader::new(path, Some(root), "virtual", &mut effective)?, &tracking, &grabber)?;
             let line = virtual_bedside::of_line(Reader::new(path, inner.as_ref(), "virtual.line", &mut effective)?)?;
             let of_grabber =
                 virtual_bedside::of_grabber(Reader::new(path, inner.as_ref(), "virtual.grabber", &mut effective)?)?;

@@ -7,6 +7,7 @@
 //! - [`schema`]: every section and key, its values, and when a change of it takes effect.
 //! - [`devices`], [`volume`], [`session`], [`virtual_bedside`]: the sections as typed settings.
 //! - [`change`]: changes between configurations, and the subset that a running session adopts.
+//! - `recorded`: a recorded session's configuration, with the defaults of its version.
 //! - [`settings_override`]: a recorded session's configuration with settings overrides.
 //! - [`plus`]: the devices of a PLUS device set.
 //!
@@ -19,6 +20,7 @@ mod file;
 mod frames;
 pub mod plus;
 mod reader;
+mod recorded;
 mod remote;
 pub mod schema;
 pub mod session;

@@ -151,7 +151,7 @@ impl Bedside {
 }
 
 /// Sets a key, or removes it.
-fn set(root: &mut toml::Table, dotted: &str, value: &Value) -> Result<(), Error> {
+pub(super) fn set(root: &mut toml::Table, dotted: &str, value: &Value) -> Result<(), Error> {
     let Some((heading, name)) = dotted.rsplit_once('.') else {
         return Err(refused(dotted, "has no section; give SECTION.KEY"));
     };

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use drivers::simulated::Faults;
 use phantom::bedside::arm::{BedsideArm, standard_arm};
-use phantom::named::{MotionOptions, SceneOptions, TrajectoryName};
+use phantom::named::{MotionOptions, ProbeName, SceneOptions, TrajectoryName};
 use phantom::scan::Depth;
 use phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
 use sonoweave_core::keys::Table;
 
-use super::devices::Grabber;
+use super::devices::{Grabber, Tracking};
 use super::reader::Reader;
 use super::schema;
 use super::schema::values::{Name, ns};
@@ -59,16 +59,27 @@ impl VirtualBedside {
     /// Reads it without its faults, which are in the returned table's subsections.
     pub(super) fn read<'a>(
         mut keys: Reader<'a, '_>,
-        usual: TrajectoryName,
+        tracking: &Tracking,
         grabber: &Grabber,
     ) -> Result<(ScannedHand, Option<Table<'a>>), Error> {
         let given: schema::virtual_bedside::Virtual = keys.read()?;
-        let (scene, trajectory) = (given.scene.0, given.trajectory.unwrap_or(Name(usual)));
+        let (scene, frames, seed) = (given.scene.0, given.frames, given.seed);
+        let (usual_trajectory, usual_probe) = match tracking {
+            Tracking::Tracker(_) | Tracking::Remote(_) => (TrajectoryName::Freehand, scene.usual_probe()),
+            Tracking::Arm(_) => (TrajectoryName::Arm, scene.usual_probe().map(|_| ProbeName::Linear)),
+        };
+        let trajectory = given.trajectory.unwrap_or(Name(usual_trajectory));
         keys.note("trajectory", &trajectory);
-        let (trajectory, frames, seed) = (trajectory.0, given.frames, given.seed);
+        let trajectory = trajectory.0;
+        if given.probe.is_some() && usual_probe.is_none() {
+            return Err(keys.error("probe", "the scene has no simulated echoes; delete it, or give another scene"));
+        }
+        let probe = given.probe.or(usual_probe.map(Name));
+        keys.note("probe", &probe);
         let tracker_noise =
             TrackerNoise { position_mm: given.tracker_noise_mm, rotation_degrees: given.tracker_noise_deg };
-        let shown = scene.content(&SceneOptions::new(seed.into()));
+        let probe = probe.map(|name| name.0);
+        let shown = scene.content(&SceneOptions { probe, ..SceneOptions::new(seed.into()) });
         let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
         let pixel_mm = given.pixel_mm.unwrap_or_else(|| shown.usual_pixel_mm(image_size));

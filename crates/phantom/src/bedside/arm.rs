@@ -4,6 +4,7 @@
 //! The image's u axis lies along the base's z. An arm can therefore follow a motion that only
 //! shifts the image along v and its normal, and turns it about u.
 
+use std::f64::consts::PI;
 use std::fmt;
 use std::sync::Arc;
 
@@ -130,6 +131,24 @@ impl BedsideArm {
             clip: scan.bmode().map(BMode::layout).and_then(|layout| layout.clip()),
             ..CalibrationFile::default()
         }
+    }
+
+    /// Returns the encoders' resolution at the image, mm: the largest displacement of a corner if
+    /// each count is off by half a count. A joint turns the corner about itself, at a distance of
+    /// at most the lengths of the links from there, and of the corner's lever on the last link.
+    pub fn resolution_mm(&self) -> f64 {
+        let [right, bottom] = self.bedside.scan().settings().image_size.map(|n| f64::from(n) - 1.0);
+        let probe_from_image = self.probe_from_image();
+        // The axes are along z, so heights have no effect.
+        let lever = |[u, v]: [f64; 2]| probe_from_image.point(DVec3::new(u, v, 0.0)).truncate().length();
+        let lever =
+            [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(lever).into_iter().fold(0.0, f64::max);
+        let (mut distance, mut sum) = (lever, 0.0);
+        for joint in self.arm.joints().iter().rev() {
+            distance += joint.length_mm;
+            sum += distance * PI / joint.counts_per_unit;
+        }
+        sum
     }
 
     /// Returns the joint values at a time.

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 
-use phantom::named::{SceneName, TrajectoryName};
+use phantom::named::{ProbeName, SceneName, TrajectoryName};
 
 use super::values::{Name, named, of_flag};
 
@@ -18,6 +18,9 @@ pub(crate) struct Virtual {
     #[schemars(extend("x-takes" = "a scene of `phantom`, such as doll"))]
     #[default(Name(SceneName::Doll))]
     pub(crate) scene: Name<SceneName>,
+    /// Transducer of the scanner, for scenes with simulated echoes; default: linear for an arm, whose
+    /// planar path needs a rectangular image, else the usual one of the scene
+    pub(crate) probe: Option<Name<ProbeName>>,
     /// Motion of the probe; default: freehand, for an arm arm
     #[schemars(extend("x-takes" = "a trajectory of `phantom`, such as freehand"))]
     pub(crate) trajectory: Option<Name<TrajectoryName>>,
@@ -51,6 +54,7 @@ pub(crate) struct Virtual {
 }
 
 named! {
+    ProbeName: of_flag(ProbeName::value_variants());
     SceneName: of_flag(SceneName::value_variants());
     TrajectoryName: of_flag(TrajectoryName::value_variants());
 }

@@ -132,6 +132,7 @@ fn corners_off(held: &BedsideArm, values: &Values, at_ns: i64) -> (f64, f64) {
         let at: DVec2 = probe_from_image.point(pixel).truncate();
         bound = bound.max(held.arm().displacement(values, at, 0.5).most_mm);
     }
+    assert!(bound <= held.resolution_mm() && bound > 0.5 * held.resolution_mm(), "{bound}");
     (off, bound)
 }
 
