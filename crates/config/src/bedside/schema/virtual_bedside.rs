@@ -18,8 +18,8 @@ pub(crate) struct Virtual {
     #[schemars(extend("x-takes" = "a scene of `phantom`, such as doll"))]
     #[default(Name(SceneName::Doll))]
     pub(crate) scene: Name<SceneName>,
-    /// Transducer of the scanner, for scenes with simulated echoes; default: linear for an arm, whose
-    /// planar path needs a rectangular image, else the usual one of the scene
+    /// Transducer of the scanner, for scenes with simulated echoes; default: linear for an arm,
+    /// whose planar path needs a rectangular image, else the usual one of the scene
     pub(crate) probe: Option<Name<ProbeName>>,
     /// Motion of the probe; default: freehand, for an arm arm
     #[schemars(extend("x-takes" = "a trajectory of `phantom`, such as freehand"))]
