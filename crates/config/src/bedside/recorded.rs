@@ -65,6 +65,9 @@ mod tests {
             assert_eq!(bedside.effective[PROBE], probe, "{more}");
             assert_eq!(bedside.mask.fan.is_some(), probe == "curvilinear", "{more}");
         }
+        let without_echoes = format!("{HEAD}{ARM}[virtual]\nscene = \"blobs\"\nprobe = \"linear\"\n");
+        let error = Bedside::parse(Path::new("bed.toml"), &without_echoes).unwrap_err().to_string();
+        assert!(error.contains("virtual.probe (line 10): the scene has no simulated echoes; "), "{error}");
     }
 
     #[test]
