@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use config::bedside::Bedside;
+use formats::whole::write_whole;
 
 use super::igtl::Sharing;
 use super::live::outputs::{Outputs, say};
@@ -56,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let text = BEDSIDE.replace("\nseed = 1\n", &format!("\nseed = {}\n", arguments.seed));
     let path = out.join("bedside.toml");
-    std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
+    write_whole(&path, |to| to.write_all(text.as_bytes())).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;
     let session_arguments = SessionArguments {
         record: Some(out.clone()),
