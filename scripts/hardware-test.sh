@@ -11,17 +11,22 @@ scripts/guest/prepare.sh
 # Further hardware of the next guest's machine: options of scripts/guest/run.sh.
 machine=()
 found=
-# in_guest TEST MODULES FILTER…: builds a test binary of the drivers and runs it with these modules.
-in_guest() {
-    local test=$1 modules=$2 program
-    shift 2
+# built TEST FILTER…: builds a test binary and sets `program` to it; fails if no test has the filter
+# in its name.
+built() {
+    local test=$1
+    shift
     # With the packages of `make test`, so that both share one build.
     program=$(cargo test --workspace --exclude sonoweave-figures --locked --test "$test" --no-run \
         --message-format=json-render-diagnostics |
-        sed -n "s#.*\"executable\":\"\([^\"]*/$test-[^\"]*\)\".*#\1#p" | tail -n 1)
-    # No guest is booted if no test has the filter in its name.
-    [[ $("$program" --list "$@") == *": test"* ]] || return 0
-    found=yes
+        sed -n "s#.*\"executable\":\"\([^\"]*/$test-[^\"]*\)\".*#\1#p" | tail -n 1) || exit 1
+    [[ $("$program" --list "$@") == *": test"* ]] && found=yes
+}
+# in_guest TEST MODULES FILTER…: runs a test binary in a guest with these modules.
+in_guest() {
+    local test=$1 modules=$2 program
+    shift 2
+    built "$test" "$@" || return 0
     scripts/guest/run.sh "${machine[@]}" "$modules" "$program" --test-threads=1 --color=never "$@"
 }
 
@@ -48,6 +53,11 @@ ftdi_sio
 cdc-acm
 dummy_hcd
 usb_f_acm" "$@"
+
+# Disks of the guest. The test runs on this machine, and boots guests itself.
+if built guest_power "$@"; then
+    SONOWEAVE_GUEST=$PWD/scripts/guest "$program" --test-threads=1 --color=never "$@"
+fi
 
 [ -n "$found" ] || {
     echo "hardware-test: no test has $* in its name" >&2

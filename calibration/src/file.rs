@@ -68,6 +68,7 @@
 
 use std::path::Path;
 
+use formats::whole::write_whole;
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use crate::arm::Arm;
@@ -257,22 +258,13 @@ impl CalibrationFile {
         text
     }
 
-    /// Writes the file atomically.
+    /// Writes the file, whole or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`]; an earlier file is then unharmed.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let io = |source| FileError::Io { path: path.to_owned(), doing: "writing", source };
-        // Beside the target, so that the rename stays within one file system.
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(".part");
-        let part = path.with_file_name(name);
-        let written = std::fs::write(&part, self.to_text()).and_then(|()| std::fs::rename(&part, path));
-        written.map_err(|error| {
-            // Report the first error; a part that cannot be removed was most likely never made.
-            let _ = std::fs::remove_file(&part);
-            io(error)
-        })
+        write_whole(path, |to| to.write_all(self.to_text().as_bytes())).map_err(io)
     }
 
     /// Returns all constant transforms, the probe's calibration first, under the names that

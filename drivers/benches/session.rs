@@ -6,6 +6,9 @@
 //! second of the thread's own time, which other processes hardly affect. It also prints the
 //! compression ratio, and the share of a core used at 60 frames per second.
 //!
+//! Then it writes in real time, with and without syncs, and prints the time that the writer takes
+//! for a frame, which is as long as a frame may wait before the writer.
+//!
 //! Test images: painted speckle in a fan; noise alone, which is incompressible; and recordings
 //! if present (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file remains as
 //! `out/session-bench.mcap`, for `scripts/session_by_others.py`.
@@ -49,7 +52,43 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     for (name, pictures) in &scenes {
         right &= measure(name, pictures, frames, &kept)?;
     }
+    println!("\nin real time, ms  frame: median   99 %   most   unsynced at most");
+    for syncs in [false, true] {
+        paced(syncs, &scenes[0].1, frames / 2, &folder)?;
+    }
     Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Writes frames at their rate, with a thread that syncs them or without.
+fn paced(syncs: bool, pictures: &[Arc<[u8]>], frames: u64, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let folder = tempfile::tempdir_in(folder)?;
+    let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a bench"))?;
+    let grabber = session.device("grabber", None, &Description::default(), None)?;
+    let syncer = session.syncer();
+    let thread = syncs.then(|| std::thread::spawn(move || syncer.run()));
+    let (begin_ns, mut taken_ms, mut unsynced_ns) = (Monotonic.now_ns(), Vec::new(), 0);
+    for item in 0..frames {
+        let at_ns = begin_ns + (item as f64 / RATE * 1e9) as i64;
+        Monotonic.wait_until(at_ns);
+        let begun_ns = Monotonic.now_ns();
+        session.write(grabber, &frame(item, at_ns, &pictures[item as usize % pictures.len()]), at_ns)?;
+        let now_ns = Monotonic.now_ns();
+        taken_ms.push((now_ns - begun_ns) as f64 * 1e-6);
+        unsynced_ns = session.account().unsynced_since_ns.map_or(0, |since_ns| now_ns - since_ns).max(unsynced_ns);
+    }
+    session.finish(Monotonic.now_ns())?;
+    thread.map(|thread| thread.join().map_err(|_| "the syncing thread has panicked")).transpose()?;
+    taken_ms.sort_by(f64::total_cmp);
+    let at = |share: f64| taken_ms[((taken_ms.len() - 1) as f64 * share) as usize];
+    println!(
+        "{:12}             {:6.2} {:6.2} {:6.2}   {:16.0}",
+        if syncs { "synced" } else { "not synced" },
+        at(0.5),
+        at(0.99),
+        at(1.0),
+        unsynced_ns as f64 * 1e-6
+    );
+    Ok(())
 }
 
 /// Returns this thread's CPU time, s.

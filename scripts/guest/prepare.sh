@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Fetches the parts of the guest into out/guest: Debian's kernel with its modules, busybox, and QEMU
-# if the machine has none. Nothing is installed and nothing needs root: packages are downloaded,
+# and mkfs.ext4 if the machine has none. Nothing is installed and nothing needs root: packages are downloaded,
 # checked by apt against its signed lists, and unpacked. Complete packages are not fetched again;
 # `rm -r out/guest` renews them.
 set -euo pipefail
@@ -19,7 +19,10 @@ for tool in apt-get apt-cache dpkg; do
     command -v "$tool" >/dev/null || fail "$tool is not there; the guest is made of Debian's packages, so run the hardware tests on Debian 12 or later"
 done
 
-if [ -f "$place/ready" ] && (cd "$place/packages" && sha256sum --check --quiet SHA256SUMS) 2>/dev/null; then
+# Tools of the system are not in everyone's path.
+export PATH=$PATH:/usr/sbin:/sbin
+has_mkfs() { command -v mkfs.ext4 >/dev/null || [ -x "$tree/sbin/mkfs.ext4" ]; }
+if [ -f "$place/ready" ] && has_mkfs && (cd "$place/packages" && sha256sum --check --quiet SHA256SUMS) 2>/dev/null; then
     say "made of the packages in out/guest/packages, whose checksums are right"
     exit 0
 fi
@@ -48,6 +51,10 @@ download() {
     [ -n "$kernel" ] || return 1
     names+=("$kernel")
     command -v xz >/dev/null || names+=(xz-utils)
+    if ! command -v mkfs.ext4 >/dev/null; then
+        mapfile -t -O "${#names[@]}" names < <(added_by e2fsprogs)
+        [[ " ${names[*]} " == *" e2fsprogs "* ]] || return 1
+    fi
     if ! command -v qemu-system-x86_64 >/dev/null; then
         mapfile -t -O "${#names[@]}" names < <(added_by qemu-system-x86)
         [[ " ${names[*]} " == *" qemu-system-x86 "* ]] || return 1

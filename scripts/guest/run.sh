@@ -11,6 +11,9 @@
 # --qemu is a further argument of QEMU, which runs in a folder of its own. --plugged is a device of
 # QEMU (its name and properties) that is plugged in. The program unplugs it by a line
 # GUEST-UNPLUG:ID, and plugs it in again by GUEST-PLUG:ID.
+#
+# By a line GUEST-CUT:MS the program asks for a power cut after so many milliseconds: QEMU is killed.
+# The exit code is then 0.
 set -euo pipefail
 machine=()
 declare -A plugged
@@ -99,6 +102,11 @@ fi
 log=$(mktemp "$place/log.XXXXXX")
 # QEMU's monitor, which plugs devices in and out.
 mkfifo "$root/monitor.in" "$root/monitor.out"
+# cut MILLISECONDS: kills QEMU after this time, unless the guest has ended.
+cut() {
+    sleep "$(printf '%d.%03d' $(($1 / 1000)) $(($1 % 1000)))"
+    touch "$root/cut" && kill -KILL "$(cat "$root/pid")"
+}
 # Prints the guest's output, and passes lines for QEMU on to its monitor.
 follow() {
     local line
@@ -107,6 +115,7 @@ follow() {
         case ${line%$'\r'} in
         GUEST-UNPLUG:*) line=${line%$'\r'} && echo "device_del ${line#*:}" >&3 ;;
         GUEST-PLUG:*) line=${line%$'\r'} && echo "device_add ${plugged[${line#*:}]},id=${line#*:}" >&3 ;;
+        GUEST-CUT:*) line=${line%$'\r'} && cut "${line#*:}" 2>/dev/null & ;;
         GUEST-EXIT:* | *"reboot: Power down") ;;
         *) printf '%s\n' "$line" ;;
         esac
@@ -117,12 +126,17 @@ first=()
 nice -n -10 true 2>&1 | grep -q . || first=(nice -n -10)
 # One processor and no acceleration make the same machine everywhere. `timeout` ends one that hangs.
 began=$(date +%s)
-(cd "$root" && exec "${first[@]}" timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
+# A killed emulator is not worth a message of the shell.
+{ (cd "$root" && exec "${first[@]}" timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
     -M pc -accel tcg -cpu max -smp 1 -m 512 -nodefaults -no-user-config -display none -no-reboot -serial stdio \
     -kernel "$place/vmlinux" -initrd "$root.cpio" \
     -append "console=ttyS0 quiet loglevel=3 panic=-1 mitigations=off -- $*" \
-    -chardev pipe,id=monitor,path=monitor -mon chardev=monitor,mode=readline "${machine[@]}" </dev/null 2>&1) |
-    tee "$log" | follow || true
+    -pidfile pid -chardev pipe,id=monitor,path=monitor -mon chardev=monitor,mode=readline "${machine[@]}" </dev/null 2>&1) |
+    tee "$log" | follow || true; } 2>/dev/null
+if [ -e "$root/cut" ]; then
+    rm -f "$log"
+    exit 0
+fi
 code=$(tr -d '\r' <"$log" | sed -n 's/^GUEST-EXIT:\([0-9]*\)$/\1/p' | tail -n 1)
 [ -n "$code" ] || fail "the guest did not say how its program ended: it hung, or its kernel stopped; its console is in $log"
 rm -f "$log"

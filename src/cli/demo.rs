@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use config::bedside::Bedside;
+use formats::whole::write_whole;
 
 use super::igtl::SharingFlags;
 use super::live::report;
@@ -65,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let example = if arguments.arm { BEDSIDE_WITH_ARM } else { BEDSIDE };
     let text = example.replace("\nseed = 1\n", &format!("\nseed = {}\n", arguments.seed));
     let path = out.join("bedside.toml");
-    std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
+    write_whole(&path, |to| to.write_all(text.as_bytes())).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;
     let options = SessionOptions {
         record: Some(out.clone()),

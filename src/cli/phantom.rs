@@ -9,6 +9,7 @@ use glam::DVec3;
 use calibration::file::CalibrationFile;
 use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use formats::image::{Container, VolumeHeader};
+use formats::whole::write_whole;
 use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
 
 pub(super) mod choices;
@@ -193,11 +194,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         file.write(path)?;
     }
     if let Some(path) = &arguments.crossings {
-        std::fs::write(path, echoes::crossings(&scan))
+        write_whole(path, |to| to.write_all(echoes::crossings(&scan).as_bytes()))
             .map_err(|e| Failure(format!("{}: writing the crossings failed: {e}", path.display())))?;
     }
     if let Some((path, phantom)) = phantom {
-        std::fs::write(path, phantom.to_text())
+        write_whole(path, |to| to.write_all(phantom.to_text().as_bytes()))
             .map_err(|e| Failure(format!("{}: writing the phantom failed: {e}", path.display())))?;
     }
     report(arguments, &scan, grid.as_ref(), &kernel);

@@ -67,6 +67,9 @@ test("a recording tells how long there is room, and whether something is missing
   assert.equal(words.recording({ ...file, minutes_left: 9.9 }).how, "heed");
   assert.equal(words.recording({ ...file, lost: 3 }).how, "bad");
   assert.equal(words.recording({ ...file, trouble: "the disk is full" }).how, "bad");
+  const slow = words.recording({ ...file, slow_disk: true });
+  assert.deepEqual([slow.how, slow.lines.at(-1).how], ["heed", "heed"]);
+  assert.match(slow.lines.at(-1).says, /the disk is slow/);
   assert.equal(words.recording({ ...file, minutes_left: null }).says, "on");
   assert.equal(words.recording(null).says, "not recorded");
 });

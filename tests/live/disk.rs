@@ -9,7 +9,9 @@ use std::time::Duration;
 use drivers::simulated::Faults;
 use drivers::simulated::grabber::Grabber;
 use formats::Limits;
-use formats::session::{About, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions};
+use formats::session::{
+    About, DataSync, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions,
+};
 use pipeline::session::{Finished, Recording};
 use sonoweave_core::Reading;
 use sonoweave_core::clock::{MS, Monotonic, SECOND};
@@ -114,8 +116,8 @@ impl Store for Refusing {
         self.disk.cut(length)
     }
 
-    fn settle(&mut self) -> std::io::Result<()> {
-        Ok(())
+    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(()))
     }
 
     fn free_bytes(&self) -> Option<u64> {
@@ -191,8 +193,8 @@ impl Store for Slow {
         self.disk.cut(length)
     }
 
-    fn settle(&mut self) -> std::io::Result<()> {
-        Ok(())
+    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(()))
     }
 
     fn free_bytes(&self) -> Option<u64> {
@@ -244,8 +246,8 @@ impl Store for Small {
         self.disk.cut(length)
     }
 
-    fn settle(&mut self) -> std::io::Result<()> {
-        Ok(())
+    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(()))
     }
 
     fn free_bytes(&self) -> Option<u64> {

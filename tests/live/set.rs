@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use formats::session::{SessionWriter, Store, WriterOptions};
+use formats::session::{DataSync, SessionWriter, Store, WriterOptions};
 use mask::{Clip, MaskSettings};
 use pipeline::command::Instruction;
 use pipeline::session::{
@@ -281,8 +281,8 @@ impl Store for Memory {
         Ok(())
     }
 
-    fn settle(&mut self) -> std::io::Result<()> {
-        Ok(())
+    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(()))
     }
 
     fn free_bytes(&self) -> Option<u64> {

@@ -288,7 +288,13 @@ fn recording(to: &mut Exposition, written: &Written) {
     .sample(&[("queue", "writer"), ("kind", "any")], (written.lost - written.lost_before_writer.total()) as f64)
     .sample(&[("queue", "before_writer"), ("kind", "frame")], written.lost_before_writer.frames as f64)
     .sample(&[("queue", "before_writer"), ("kind", "other")], written.lost_before_writer.others as f64);
-    to.gauge("sonoweave_recording_in_trouble", "1 while the recording cannot write.")
+    to.counter("sonoweave_recording_synced_bytes_total", "Bytes of the session's file that survive a power cut.")
+        .sample(&[], written.synced_bytes as f64);
+    to.gauge("sonoweave_recording_unsynced_seconds", "Age of the oldest message that may not survive a power cut.")
+        .sample(&[], written.unsynced_s);
+    to.gauge("sonoweave_recording_unsynced_max_seconds", "Largest such age so far.")
+        .sample(&[], written.unsynced_most_s);
+    to.gauge("sonoweave_recording_in_trouble", "1 while the recording cannot be written or synced.")
         .sample(&[], f64::from(u8::from(!written.trouble.is_empty())));
     if let Some(minutes) = written.minutes_left {
         to.gauge("sonoweave_recording_disk_left_seconds", "Time until the disk is full, at the present rate.")

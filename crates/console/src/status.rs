@@ -124,6 +124,7 @@ fn recording(account: &SessionStatus) -> Option<Value> {
         "bytes": written.bytes,
         "minutes_left": written.minutes_left,
         "lost": written.lost,
+        "slow_disk": written.slow_disk,
         "trouble": written.trouble,
     }))
 }

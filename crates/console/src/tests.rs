@@ -79,6 +79,10 @@ fn eventful() -> SessionStatus {
         lost_before_writer: Unwritten { frames: 2, others: 0 },
         after_end: Unwritten::default(),
         bytes: 12_345,
+        synced_bytes: 0,
+        unsynced_s: 0.5,
+        unsynced_most_s: 0.75,
+        slow_disk: false,
         minutes_left: Some(90.0),
         trouble: String::new(),
     });
@@ -231,6 +235,8 @@ fn metrics_are_well_formed_and_match_status() {
         ("sonoweave_capture_to_volume_seconds_bucket{le=\"0.02\"}", 1.0),
         ("sonoweave_capture_to_volume_seconds_bucket{le=\"0.015\"}", 0.0),
         ("sonoweave_recording_disk_left_seconds", 5400.0),
+        ("sonoweave_recording_unsynced_seconds", 0.5),
+        ("sonoweave_recording_unsynced_max_seconds", 0.75),
         ("sonoweave_recording_lost_messages_total{queue=\"before_writer\",kind=\"frame\"}", 2.0),
         ("sonoweave_scanner_frozen_seconds", 1.5),
     ] {

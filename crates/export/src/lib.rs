@@ -8,7 +8,6 @@
 //! - [`picture`]: pictures to PNG.
 //! - [`drawing`]: construction drawing of a wire phantom, at 1:1 on paper.
 //! - [`page`]: text, tables and drawings in one file for a browser.
-//! - [`whole`]: atomic file writing.
 //! - `legend`: legends of pictures.
 //! - `shades`: colour schemes of values.
 //! - `style`: colours and sizes of pictures.
@@ -30,6 +29,5 @@ pub mod sections;
 mod shades;
 mod style;
 pub mod volume;
-pub mod whole;
 
 pub use error::ExportError;

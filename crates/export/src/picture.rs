@@ -9,7 +9,7 @@ use render::Picture;
 use sonoweave_core::reading::PixelType;
 
 use super::ExportError;
-use super::whole::write_whole;
+use formats::whole::write_whole;
 
 /// Writes a picture over a background (red, green, blue, 0 to 1) as PNG of three channels of 8
 /// bits, whole or not at all.

@@ -2,12 +2,14 @@
 //!
 //! - [`image`]: MetaImage, NRRD and NIfTI, read and written.
 //! - [`session`]: the readings, decisions and notes of a session, as MCAP.
+//! - [`whole`]: files that appear whole or not at all.
 //!
-//! All functions that access files return [`Error`].
+//! Functions of images and sessions return [`Error`].
 
 mod error;
 pub mod image;
 pub mod session;
+pub mod whole;
 
 pub use error::{Error, NoSession, Unreadable, Unwritable};
 

@@ -16,7 +16,7 @@ pub use process::ProcessNumbers;
 use config::Settings as Config;
 use export::fill::{FillWork, Filled};
 use export::volume::DenseBox;
-use export::whole::write_whole;
+use formats::whole::write_whole;
 use mask::MaskSettings;
 use pipeline::Outcome;
 use reconstruct::Compounding;

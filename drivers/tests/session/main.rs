@@ -8,6 +8,7 @@ mod exact;
 mod faults;
 mod frames;
 mod kill;
+mod power;
 mod replayed;
 
 use std::io::Cursor;
@@ -15,7 +16,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use formats::session::{
-    About, Crop, Damage, Ending, Event, Maker, SessionReader, SessionWriter, Source, Store, WriterOptions,
+    About, Crop, Damage, DataSync, Ending, Event, Maker, SessionReader, SessionWriter, Source, Store, WriterOptions,
 };
 use formats::{Error, Limits};
 use sonoweave_core::Description;
@@ -71,8 +72,8 @@ impl Store for Shared {
         Ok(())
     }
 
-    fn settle(&mut self) -> std::io::Result<()> {
-        Ok(())
+    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(()))
     }
 
     fn free_bytes(&self) -> Option<u64> {

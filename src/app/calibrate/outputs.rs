@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use calibration::file::preset::{self, Preset};
 use calibration::file::{CalibrationFile, Latency};
-use export::whole::write_whole;
+use formats::whole::write_whole;
 use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::named::StaticTransform;
 use statistics::write_json;

@@ -8,6 +8,7 @@ use formats::Limits;
 use formats::image::write::{SequenceWriter, VolumeWriter};
 use formats::image::{VolumeHeader, VolumeReader};
 use formats::session::{About, SessionWriter, WriterOptions};
+use formats::whole::{persist, temporary};
 use sonoweave_core::reading::{Frame, Reading, Stamp};
 use sonoweave_core::{Description, Device, Next};
 
@@ -49,8 +50,7 @@ pub fn session(
     told: OnProgress<'_>,
 ) -> Result<(), ConvertError> {
     let io = |source| ConvertError::Io { path: to.to_owned(), source };
-    let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let file = tempfile::Builder::new().prefix(".sonoweave-").suffix(".part").tempfile_in(folder).map_err(io)?;
+    let file = temporary(to).map_err(io)?;
     let program = concat!("sonoweave ", env!("CARGO_PKG_VERSION"));
     let header = &gathered.header;
     let host = |stamp: &Stamp| stamp.host_ns.or_else(|| stamp.source_s.map(|s| (s * 1e9).round() as i64));
@@ -87,8 +87,7 @@ pub fn session(
         let source = std::io::Error::other("not all frames were written; free some disk space, and convert again");
         return Err(io(source));
     }
-    file.persist(to).map_err(|error| io(error.error))?;
-    Ok(())
+    persist(file, to).map_err(io)
 }
 
 /// Writes each frame as PNG into a folder, or by a name with a number placeholder (`%04d`).

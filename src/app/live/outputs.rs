@@ -144,8 +144,13 @@ pub(crate) fn troubles(status: &SessionStatus) -> String {
     if let Some(seconds) = status.stuck_s {
         text += &format!("; scanner frozen for {seconds:.1} s");
     }
-    if let Some(written) = status.recording.as_ref().filter(|written| !written.trouble.is_empty()) {
-        text += &format!("; not recorded: {}", written.trouble);
+    if let Some(written) = &status.recording {
+        if !written.trouble.is_empty() {
+            text += &format!("; recording in trouble: {}", written.trouble);
+        }
+        if written.slow_disk {
+            text += "; the disk is slow, a power cut may take more than the last second";
+        }
     }
     text
 }

@@ -7,7 +7,7 @@ use clap::Args;
 use calibration::phantom::Plates;
 use config::phantom::PhantomSettings;
 use export::drawing::drawing;
-use export::whole::write_whole;
+use formats::whole::write_whole;
 
 use super::super::Failure;
 use crate::app::input;

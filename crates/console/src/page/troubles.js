@@ -66,6 +66,7 @@ export function troubles({ line, account, blank_s: blank }) {
     if (how === "bad" && key !== "frozen") say("bad", `guidance ${key}`, sentence, more);
   }
   if (account.recording?.trouble) say("bad", `disk ${account.recording.trouble}`, "The recording is in trouble.", account.recording.trouble);
+  if (account.recording?.slow_disk) say("heed", "slow disk", "The disk is slow.", "A power cut may take more than the last second of the recording.");
   if (!explained && blank !== null && blank >= PATIENCE) say("bad", "blank", "No picture comes from the scanner.", `For ${duration(blank)}.`);
   const left = account.recording?.minutes_left;
   if (left !== null && left !== undefined && left < 10) {

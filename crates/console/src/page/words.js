@@ -160,14 +160,15 @@ function minutes(left) {
 /// will be recorded.
 export function recording(told, over = false) {
   if (!told) return { how: "plain", says: "not recorded", lines: [{ how: "plain", says: "nothing of this session is kept" }] };
-  const { path, bytes: size, minutes_left: left, lost, trouble } = told;
+  const { path, bytes: size, minutes_left: left, lost, trouble, slow_disk: slow } = told;
   const short = left !== null && left !== undefined && left < SHORT;
   const room = left === null || left === undefined ? "" : `, the disk has room for ${minutes(left)}`;
   const lines = [{ how: "plain", says: path.split("/").at(-1), title: path }, { how: short ? "heed" : "plain", says: `${bytes(size)} written${room}` }];
   if (lost > 0) lines.push({ how: "bad", says: `${count(lost)} of what came are not in it` });
   if (trouble) lines.push({ how: "bad", says: trouble });
+  if (slow) lines.push({ how: "heed", says: "the disk is slow: a power cut may take more than the last second" });
   if (over && !trouble && lost === 0) return { how: "well", says: "complete", lines: [lines[0], { how: "plain", says: `${bytes(size)} written` }], short: false };
-  const how = trouble || lost > 0 ? "bad" : short ? "heed" : "rec";
+  const how = trouble || lost > 0 ? "bad" : short || slow ? "heed" : "rec";
   const says = trouble ? "in trouble" : lost > 0 ? "incomplete" : left === null || left === undefined ? "on" : `on · ${minutes(left)}`;
   return { how, says, lines, short };
 }

@@ -350,6 +350,10 @@ fn status_reports_rates_frame_outcomes_and_end() {
         lost_before_writer: Unwritten::default(),
         after_end: Unwritten::default(),
         bytes: 0,
+        synced_bytes: 0,
+        unsynced_s: 0.5,
+        unsynced_most_s: 0.75,
+        slow_disk: false,
         minutes_left: None,
         trouble: String::new(),
     });

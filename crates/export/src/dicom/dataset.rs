@@ -10,7 +10,7 @@ use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 
 use super::uid::uid;
 use super::{ExportError, Identifiers};
-use crate::whole::write_whole;
+use formats::whole::write_whole;
 
 /// Elements of a data set, or of an item of a sequence.
 #[derive(Debug, Clone)]

@@ -19,9 +19,13 @@ pub struct Account {
     pub file_bytes: u64,
     /// Bytes waiting in memory.
     pub held_bytes: u64,
-    /// Number of times that writing began to fail.
+    /// Bytes of the file that survive a power cut.
+    pub synced_bytes: u64,
+    /// Hand-over time of the first message that may not survive one, ns.
+    pub unsynced_since_ns: Option<i64>,
+    /// Number of times that writing or syncing began to fail.
     pub failures: u64,
-    /// Why nothing is written now, as a sentence; empty if all is well.
+    /// Why nothing is written or synced now, as a sentence; empty if all is well.
     pub trouble: String,
 }
 

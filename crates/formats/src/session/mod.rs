@@ -39,9 +39,10 @@
 //!
 //! # Behaviour on failure
 //!
-//! The writer collects messages in chunks with a checksum. A chunk goes to the disk as a whole
-//! when it is half a second or 4 MB old. A program killed at any instant therefore loses at
-//! most the last second. While the disk accepts nothing, chunks wait in memory (64 MB), and the
+//! The writer collects messages in chunks with a checksum. A chunk is written as a whole when it is
+//! 0.4 s old or 4 MB large, and synced on a thread that no write waits for (`syncing.rs`). A
+//! program that is killed, or a machine whose power is cut, therefore loses at most the last
+//! second. While the disk accepts nothing, chunks wait in memory (64 MB), and the
 //! file ends with its last whole chunk. When the memory is full, frames are dropped, and
 //! finally everything. The losses are counted, and recorded in the file as soon as writing
 //! works again. Each chunk begins with a table of all topics (an MCAP private record, 0x81), so
@@ -59,6 +60,7 @@ pub mod reader;
 mod record;
 mod repair;
 pub mod schema;
+mod syncing;
 pub mod walk;
 mod write_buffer;
 mod writer;
@@ -69,6 +71,7 @@ pub use frames::Frames;
 pub use message::{Crop, Maker};
 pub use reader::{Channel, Ending, Event, Message, SessionReader};
 pub use repair::{Repaired, repair};
+pub use syncing::{DataSync, Syncer};
 pub use walk::Damage;
 pub use write_buffer::Store;
 pub use writer::{SessionWriter, Source, WriterOptions};

@@ -1,12 +1,13 @@
 //! Creates a session's file: a new file in a folder, named after its begin.
 
-use std::fs::{self, File};
+use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use sonoweave_core::clock::SECOND;
 
 use crate::Error;
+use crate::whole::{create_folders, sync_folder};
 
 /// Number of names tried within one second.
 const TRIES: u32 = 1000;
@@ -16,13 +17,17 @@ const TRIES: u32 = 1000;
 /// overwritten, and no name identifies the patient.
 pub(super) fn create(folder: &Path, realtime_ns: i64) -> Result<(File, PathBuf), Error> {
     let failed = |path: &Path, doing, source| Error::Io { path: path.to_owned(), doing, source };
-    fs::create_dir_all(folder).map_err(|source| failed(folder, "making the folder for sessions", source))?;
+    create_folders(folder).map_err(|source| failed(folder, "making the folder for sessions", source))?;
     let [year, month, day, hour, minute, second] = utc(realtime_ns);
     let name = format!("SESSION-{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}");
     for nth in 1..=TRIES {
         let path = folder.join(if nth == 1 { format!("{name}.mcap") } else { format!("{name}-{nth}.mcap") });
-        match File::create_new(&path) {
-            Ok(file) => return Ok((file, path)),
+        // Read too: after a failed sync, data are written again from the system's memory.
+        match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
+            Ok(file) => {
+                sync_folder(folder).map_err(|source| failed(&path, "syncing the name of a session's file", source))?;
+                return Ok((file, path));
+            }
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(source) => return Err(failed(&path, "making a session's file", source)),
         }

@@ -1,6 +1,7 @@
 //! Writes an intact session from the readable parts of a damaged one.
 
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use mcap::records::MessageHeader;
@@ -10,6 +11,7 @@ use crate::session::reader::{Ending, Event, SessionReader};
 use crate::session::schema;
 use crate::session::walk::Damage;
 use crate::session::writer::{SessionWriter, WriterOptions};
+use crate::whole::{persist_new, temporary};
 use crate::{Error, Limits};
 
 /// Result of a repair.
@@ -31,17 +33,18 @@ pub struct Repaired {
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be read or written, or the new one exists already.
-/// [`Error::NoSession`] when the old one is no session. An incomplete new file is removed.
+/// [`Error::NoSession`] when the old one is no session. There is no new file then.
 pub fn repair(from: &Path, to: &Path, limits: &Limits) -> Result<Repaired, Error> {
     let mut reader = SessionReader::open(from, limits)?;
     let failed = |source| Error::Io { path: to.to_owned(), doing: "making the repaired session", source };
-    let file = File::create_new(to).map_err(failed)?;
-    copy(&mut reader, file, to).inspect_err(|_| {
-        // An incomplete session could be mistaken for a complete one.
-        if let Err(error) = std::fs::remove_file(to) {
-            tracing::warn!("{}: is not removed: {error}", to.display());
-        }
-    })
+    if to.symlink_metadata().is_ok() {
+        return Err(failed(ErrorKind::AlreadyExists.into()));
+    }
+    // An incomplete session could be mistaken for a complete one.
+    let file = temporary(to).map_err(failed)?;
+    let repaired = copy(&mut reader, file.reopen().map_err(failed)?, to)?;
+    persist_new(file, to).map_err(failed)?;
+    Ok(repaired)
 }
 
 fn copy(reader: &mut SessionReader, file: File, to: &Path) -> Result<Repaired, Error> {

@@ -13,6 +13,8 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crate::session::syncing::DataSync;
+
 /// Storage of a session's bytes.
 pub trait Store: Send {
     /// Writes all of `bytes` at this position, which is the end, or the position of a failed
@@ -28,11 +30,11 @@ pub trait Store: Send {
     /// The system's error.
     fn cut(&mut self, length: u64) -> io::Result<()>;
 
-    /// Returns when all data is on the disk.
+    /// Returns a second handle, which syncs the data while this one writes.
     ///
     /// # Errors
     /// The system's error.
-    fn settle(&mut self) -> io::Result<()>;
+    fn data_sync(&self) -> io::Result<Box<dyn DataSync>>;
 
     /// Returns the number of bytes that may still be written; `None` if unknown.
     fn free_bytes(&self) -> Option<u64>;
@@ -47,8 +49,8 @@ impl Store for File {
         self.set_len(length)
     }
 
-    fn settle(&mut self) -> io::Result<()> {
-        self.sync_all()
+    fn data_sync(&self) -> io::Result<Box<dyn DataSync>> {
+        Ok(Box::new(self.try_clone()?))
     }
 
     fn free_bytes(&self) -> Option<u64> {
@@ -99,10 +101,6 @@ impl WriteBuffer {
 
     pub(super) fn free_bytes(&self) -> Option<u64> {
         self.store.free_bytes()
-    }
-
-    pub(super) fn settle(&mut self) -> io::Result<()> {
-        self.store.settle()
     }
 
     /// Writes the complete pieces to the store. After an error the store ends with its last

@@ -1,5 +1,6 @@
 //! Writes a session live.
 
+mod disk;
 mod options;
 mod topics;
 
@@ -16,6 +17,7 @@ use crate::session::account::{Account, Losing, Rate, Room};
 use crate::session::message::{self, Crop};
 use crate::session::picture::Encoder;
 use crate::session::schema::{self, Schema};
+use crate::session::syncing::{SyncRequests, Syncer};
 use crate::session::write_buffer::{Store, Tail, WriteBuffer};
 use crate::session::{LineProtocol, PROFILE, place};
 use crate::{Error, Unwritable};
@@ -51,6 +53,7 @@ pub struct SessionWriter {
     /// Number of messages in the open chunk, and in complete chunks not on the disk.
     begun: u64,
     waiting: VecDeque<u64>,
+    syncs: SyncRequests,
     last_ns: i64,
     retry_ns: i64,
     losing: Losing,
@@ -78,6 +81,12 @@ impl SessionWriter {
     /// # Errors
     /// [`Error::Io`] when the beginning cannot be written.
     pub fn on(store: Box<dyn Store>, path: &Path, about: About, options: WriterOptions) -> Result<Self, Error> {
+        let data = store.data_sync().map_err(|source| Error::Io {
+            path: path.to_owned(),
+            doing: "opening the session's file a second time, to sync it",
+            source,
+        })?;
+        let syncs = SyncRequests::new(data, options.chunk_ns);
         let tail = Tail::of(WriteBuffer::new(store, 2 * options.chunk_bytes));
         let file = mcap::WriteOptions::new()
             .compression(None)
@@ -101,6 +110,7 @@ impl SessionWriter {
             chunk_ns: None,
             begun: 0,
             waiting: VecDeque::new(),
+            syncs,
             last_ns: about.monotonic_ns,
             retry_ns: i64::MIN,
             losing: Losing::default(),
@@ -126,6 +136,7 @@ impl SessionWriter {
         // first.
         writer.close()?;
         writer.commit(at_ns)?;
+        writer.request_sync(at_ns);
         Ok(writer)
     }
 
@@ -257,7 +268,22 @@ impl SessionWriter {
     /// Returns the outcome counts of all messages.
     pub fn account(&self) -> Account {
         let buffer = self.tail.buffer();
-        Account { file_bytes: buffer.stored(), held_bytes: buffer.len() as u64, ..self.account.clone() }
+        let mut account = Account {
+            file_bytes: buffer.stored(),
+            held_bytes: buffer.len() as u64,
+            synced_bytes: self.syncs.synced(),
+            unsynced_since_ns: self.syncs.unsynced_since_ns(),
+            ..self.account.clone()
+        };
+        if account.trouble.is_empty() {
+            self.syncs.trouble().clone_into(&mut account.trouble);
+        }
+        account
+    }
+
+    /// Returns the part that syncs written data. A thread of its own should run it.
+    pub fn syncer(&self) -> Syncer {
+        self.syncs.syncer()
     }
 
     /// Returns the free space on the disk; `None` if unknown.
@@ -317,86 +343,17 @@ impl SessionWriter {
         // The index and the end of the file.
         self.whole();
         let mut buffer = self.tail.buffer();
-        let done = buffer.commit().and_then(|()| buffer.settle());
+        let done = buffer.commit();
+        let stored = buffer.stored();
         drop(buffer);
         self.count_stored();
-        done.map_err(|source| {
+        done.and_then(|()| self.syncs.finish(stored)).map_err(|source| {
             self.failed("ending the session (it is whole up to its last chunk, without an index)", source)
         })
     }
 
     fn failed(&self, doing: &'static str, source: std::io::Error) -> Error {
         Error::Io { path: self.path.clone(), doing, source }
-    }
-
-    /// Closes a due chunk and writes complete chunks.
-    fn advance(&mut self, now_ns: i64) -> Result<(), Error> {
-        // Only messages advance the messages' times: messages handed over before `now_ns` may
-        // still arrive.
-        let now_ns = now_ns.max(self.last_ns);
-        let is_due = self.chunk_ns.is_some_and(|begun_ns| {
-            now_ns - begun_ns >= self.options.chunk_ns || self.tail.buffer().unfinished() >= self.options.chunk_bytes
-        });
-        if is_due {
-            self.close()?;
-        }
-        self.commit(now_ns)
-    }
-
-    fn close(&mut self) -> Result<(), Error> {
-        self.chunk_ns = None;
-        self.file.flush().map_err(|error| refused(&self.path, error))?;
-        self.whole();
-        Ok(())
-    }
-
-    /// Marks everything written so far as one piece for the disk.
-    fn whole(&mut self) {
-        let pieces = self.tail.buffer().whole();
-        if pieces > self.waiting.len() {
-            self.waiting.push_back(std::mem::take(&mut self.begun));
-        }
-    }
-
-    /// Counts the messages of pieces that are now on the disk.
-    fn count_stored(&mut self) {
-        let pieces = self.tail.buffer().whole();
-        while self.waiting.len() > pieces {
-            self.account.stored += self.waiting.pop_front().unwrap_or(0);
-        }
-    }
-
-    /// Writes complete pieces, unless a write failed just before.
-    fn commit(&mut self, now_ns: i64) -> Result<(), Error> {
-        let is_stuck = !self.account.trouble.is_empty();
-        let mut buffer = self.tail.buffer();
-        if is_stuck && now_ns < self.retry_ns || buffer.len() == buffer.unfinished() {
-            return Ok(());
-        }
-        let done = buffer.commit();
-        let stored = buffer.stored();
-        drop(buffer);
-        self.count_stored();
-        self.rate.note(now_ns, stored);
-        match done {
-            Ok(()) if is_stuck => {
-                tracing::warn!("{}: is written again", self.path.display());
-                let written = self.write_losses(now_ns);
-                self.account.trouble.clear();
-                written
-            }
-            Ok(()) => Ok(()),
-            Err(source) => {
-                self.retry_ns = now_ns + self.options.retry_ns;
-                let error = self.failed("writing the session (it is whole up to here, and tried again)", source);
-                if is_stuck {
-                    return Ok(());
-                }
-                self.account.trouble = error.to_string();
-                self.account.failures += 1;
-                Err(error)
-            }
-        }
     }
 
     fn write_losses(&mut self, now_ns: i64) -> Result<(), Error> {
@@ -434,6 +391,7 @@ impl SessionWriter {
         let header = MessageHeader { channel_id: channel, sequence, log_time, publish_time };
         self.account.messages += 1;
         self.begun += 1;
+        self.syncs.message(at_ns);
         self.file.write_to_known_channel(&header, &self.message).map_err(|error| refused(&self.path, error))
     }
 

@@ -34,7 +34,7 @@
 //! - `common`: state shared by all stages.
 //! - `decision`, `digest`, `recorded_decisions`: recorded decisions about frames, the digest of the
 //!   result, and their comparison in a replay.
-//! - `recorder`: the session's file.
+//! - `recorder`: the session's file. `unsynced`: its data that a power cut would take.
 //! - `walk`, `record_only`: a recorded session's samples by themselves, and a session that only
 //!   records.
 //! - `priority`: thread priorities.
@@ -71,6 +71,7 @@ mod stuck;
 mod threads;
 mod timing;
 mod turns;
+mod unsynced;
 mod walk;
 mod zones;
 

@@ -5,7 +5,7 @@
 //! | capture | 6 | `poll` or a wait with a deadline, for its device, 50 ms at most |
 //! | pairing | 5 | its queue, 20 ms at most |
 //! | insertion, its pool and the preparation of its memory | 4 | its queue, 100 ms at most; the pool sleeps when there is nothing to insert |
-//! | recorder, status, picture, the caller's | none | |
+//! | recorder and its syncs, status, picture, the caller's | none | |
 //! | rendering and its pool | none, and nice: other threads that want the core get nine tenths of it, in any session | |
 //!
 //! The numbers are small: the kernel's own interrupt threads have 50. Reading devices comes

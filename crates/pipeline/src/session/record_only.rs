@@ -17,12 +17,12 @@ use super::common::{Common, InFlight};
 use super::device::{DeviceRole, SessionDevice};
 use super::event::SessionEvent;
 use super::losses::Losses;
-use super::priority::{Role, SchedulingPolicy};
+use super::priority::SchedulingPolicy;
 use super::recorder::{self, Record, Recording};
 use super::run::{FRAME_BYTES, READINGS, TURN};
 use super::sequencer::EventSequencer;
 use super::status::{SessionStatus, StatusCollector};
-use super::threads::{joined, spawn};
+use super::threads::joined;
 use crate::PipelineError;
 
 /// Recorded events, as passed to the listener.
@@ -75,11 +75,7 @@ pub fn record_only(
     let mut losses = Losses::default();
     let (status, sequencer) = (&status, &sequencer);
     let recording = std::thread::scope(|scope| {
-        let writer = writing.map(|(queue, file)| {
-            spawn(scope, "recorder", (policy, Role::Usual), move || {
-                recorder::run(&queue, file, clock, |recording| status.recording(recording))
-            })
-        });
+        let writer = writing.map(|writing| recorder::start(scope, policy, writing, clock, status));
         let captures = capturing(scope, devices, &names, policy, common, ends, sequencer);
         let mut turned = Instant::now();
         loop {

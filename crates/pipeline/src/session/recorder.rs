@@ -6,11 +6,15 @@
 //! kind `lost` give the total so far. Before less space is left on the disk than is to be kept
 //! free, the file is ended properly, with a note of the kind `end`. Later messages are counted,
 //! too.
+//!
+//! A second thread syncs the written data, so that a power cut takes at most the last second
+//! ([`Syncer`](formats::session::Syncer)). The writer does not wait for it.
 
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
@@ -24,6 +28,10 @@ use sonoweave_core::reading::Frame;
 use sonoweave_core::{Description, Reading};
 use sync::ingest::stored_rect;
 
+use super::priority::{Role, SchedulingPolicy};
+use super::status::StatusCollector;
+use super::threads::spawn;
+use super::unsynced::Unsynced;
 use crate::trace::STAGE;
 
 /// Messages that wait for the writer: some seconds of all devices.
@@ -130,6 +138,8 @@ pub struct Recording {
     pub ended: String,
     /// Messages that arrived after that.
     pub after_end: Unwritten,
+    /// Data that are not synced.
+    pub unsynced: Unsynced,
     /// Space on the disk that the recording may still take, as last checked.
     pub room: Option<Room>,
 }
@@ -231,6 +241,21 @@ pub(super) fn open<'a>(
     Ok((of_stages, (queue, File { writer, sources, kept, keep_free: Arc::clone(keep_free) })))
 }
 
+/// Starts the threads that write and sync a session's file. The first returns the outcome.
+pub(super) fn start<'scope, 'env: 'scope>(
+    scope: &'scope Scope<'scope, 'env>,
+    policy: &SchedulingPolicy,
+    (queue, file): (Queue, File),
+    clock: &'env dyn Clock,
+    status: &'scope StatusCollector,
+) -> ScopedJoinHandle<'scope, Recording> {
+    let syncer = file.writer.syncer();
+    spawn(scope, "recorder-sync", (policy, Role::Usual), move || syncer.run());
+    spawn(scope, "recorder", (policy, Role::Usual), move || {
+        run(&queue, file, clock, |recording| status.recording(recording))
+    })
+}
+
 /// Messages that wait to be written.
 pub(super) struct Queue {
     entries: Receiver<Entry>,
@@ -272,7 +297,7 @@ impl Cropping {
 
 /// Writes until the queue is closed, or until less space than `keep_free` would be left; then
 /// ends the file.
-pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl FnMut(&Recording)) -> Recording {
+fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl FnMut(&Recording)) -> Recording {
     let File { writer, sources, kept, keep_free } = file;
     let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
     let mut recording = Recording {
@@ -281,6 +306,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl
         lost: Unwritten::default(),
         ended: String::new(),
         after_end: Unwritten::default(),
+        unsynced: Unsynced::default(),
         room: None,
     };
     let mut open = Some(writer);
@@ -319,7 +345,10 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl
         let now_ns = clock.now_ns();
         let keep_free = keep_free.load(Ordering::Relaxed);
         let room = writer.room();
-        let held = writer.account().held_bytes;
+        let status = writer.account();
+        let unsynced_ns = status.unsynced_since_ns.map_or(0, |since_ns| now_ns - since_ns);
+        recording.unsynced.note(unsynced_ns, now_ns, &recording.path);
+        let held = status.held_bytes;
         let needed = keep_free.saturating_add(held).saturating_add(END_BYTES);
         let is_full = keep_free > 0 && room.is_some_and(|room| room.free_bytes < needed);
         if !is_full && now_ns.saturating_sub(checked_ns) < sonoweave_core::clock::SECOND {
@@ -379,8 +408,14 @@ fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_n
 fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Recording) {
     let Some(writer) = open.take() else { return };
     let before = writer.account();
-    recording.status = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
-        tracing::error!("{}: {error}", recording.path.display());
-        Account { trouble: error.to_string(), ..before }
-    });
+    match writer.finish(clock.now_ns()) {
+        Ok(status) => {
+            recording.status = status;
+            recording.unsynced.ended();
+        }
+        Err(error) => {
+            tracing::error!("{}: {error}", recording.path.display());
+            recording.status = Account { trouble: error.to_string(), ..before };
+        }
+    }
 }

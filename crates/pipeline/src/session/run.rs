@@ -209,11 +209,7 @@ impl Wiring<'_> {
         let (running, ended) = bounded::<()>(0);
         std::thread::scope(|scope| {
             let usual = (&*policy, Role::Usual);
-            let writer = writing.map(|(queue, file)| {
-                spawn(scope, "recorder", usual, move || {
-                    recorder::run(&queue, file, clock, |recording| status.recording(recording))
-                })
-            });
+            let writer = writing.map(|writing| recorder::start(scope, policy, writing, clock, status));
             let picture = view.map(|view| {
                 spawn(scope, "picture", usual, move || {
                     picture::run(volume, view, every.is_some(), clock, |drawn| status.drawn(drawn))

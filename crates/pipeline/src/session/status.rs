@@ -134,9 +134,17 @@ pub struct Written {
     pub after_end: Unwritten,
     /// Bytes of the file.
     pub bytes: u64,
+    /// Those of them that survive a power cut.
+    pub synced_bytes: u64,
+    /// Age of the oldest message that may not survive one, s; 0 if there is none.
+    pub unsynced_s: f64,
+    /// The largest such age so far, s.
+    pub unsynced_most_s: f64,
+    /// Whether that age has exceeded a second within the last 10 s.
+    pub slow_disk: bool,
     /// Minutes until the disk is full, at the present rate.
     pub minutes_left: Option<f64>,
-    /// Reason why nothing is written now; empty otherwise.
+    /// Reason why nothing is written or synced now; empty otherwise.
     pub trouble: String,
 }
 
@@ -276,7 +284,7 @@ impl StatusCollector {
 
     /// Sets the status of the recording.
     pub(super) fn recording(&self, recording: &Recording) {
-        let Recording { path, status, lost, ended, after_end, room } = recording;
+        let Recording { path, status, lost, ended, after_end, unsynced, room } = recording;
         self.lock().recording = Some(Written {
             path: path.clone(),
             messages: status.messages,
@@ -285,6 +293,10 @@ impl StatusCollector {
             lost_before_writer: *lost,
             after_end: *after_end,
             bytes: status.file_bytes,
+            synced_bytes: status.synced_bytes,
+            unsynced_s: unsynced.now_ns as f64 * 1e-9,
+            unsynced_most_s: unsynced.most_ns as f64 * 1e-9,
+            slow_disk: unsynced.late_ns.is_some(),
             minutes_left: room.filter(|_| ended.is_empty()).and_then(|room| room.minutes()),
             trouble: if status.trouble.is_empty() { ended } else { &status.trouble }.clone(),
         });

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
-use tempfile::{NamedTempFile, TempPath};
+use tempfile::NamedTempFile;
 
 use crate::image::data::BUFFER;
+use crate::whole::{persist, persist_both, temporary};
 use crate::{Error, Unwritable};
 
 /// Level 3 compresses speckle to within 2 % of level 6 in half its time; level 1 gives files a
@@ -51,7 +52,7 @@ enum Body {
 impl PixelFile {
     pub(super) fn create(path: &Path, head: Head, packing: Packing, expected: u64) -> Result<Self, Error> {
         let failed = |source| Error::Io { path: path.to_owned(), doing: "creating the file", source };
-        let mut file = temporary(path).map_err(failed)?;
+        let mut file = buffered(path).map_err(failed)?;
         let before = if head.data_file.is_none() { &head.bytes[..] } else { &[] };
         if packing != Packing::GzipWhole {
             file.write_all(before).map_err(failed)?;
@@ -86,15 +87,8 @@ impl PixelFile {
 }
 
 /// Creates a temporary file in the folder of `path`; it is renamed when complete.
-fn temporary(path: &Path) -> io::Result<BufWriter<NamedTempFile>> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".sonoweave-").suffix(".part");
-    // Temporary files are private by default. This one becomes the user's file and gets the
-    // permissions of any other new file.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    Ok(BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder)?))
+fn buffered(path: &Path) -> io::Result<BufWriter<NamedTempFile>> {
+    Ok(BufWriter::with_capacity(BUFFER, temporary(path)?))
 }
 
 fn complete(path: &Path, mut head: Head, body: Body) -> io::Result<()> {
@@ -118,49 +112,7 @@ fn complete(path: &Path, mut head: Head, body: Body) -> io::Result<()> {
     }
     let mut header = temporary(path)?;
     header.write_all(&head.bytes)?;
-    let header = header.into_inner().map_err(io::IntoInnerError::into_error)?;
     persist_both((file, &path.with_file_name(name)), (header, path))
-}
-
-/// Renames pixels and header once both are on the disk: the pixels first, so that no header
-/// exists without them. If either fails, both targets are unchanged. If the machine stops
-/// between the two, only the pixels remain.
-fn persist_both(
-    (pixels, pixels_path): (NamedTempFile, &Path),
-    (header, path): (NamedTempFile, &Path),
-) -> io::Result<()> {
-    pixels.as_file().sync_all()?;
-    header.as_file().sync_all()?;
-    let earlier = set_aside(pixels_path)?;
-    let put = pixels.persist(pixels_path).map_err(|error| error.error).and_then(|_| {
-        let put = header.persist(path).map_err(|error| error.error);
-        put.map(drop).inspect_err(|_| drop(std::fs::remove_file(pixels_path)))
-    });
-    if put.is_err()
-        && let Some(earlier) = earlier
-    {
-        // A failed restore leaves the earlier file under its temporary name rather than
-        // deleting it.
-        earlier.persist(pixels_path).or_else(|error| error.path.keep().map(drop)).map_err(|error| error.error)?;
-    }
-    put
-}
-
-/// Moves an existing file to a temporary name, which is deleted on drop; `None` if there is no
-/// file.
-fn set_aside(path: &Path) -> io::Result<Option<TempPath>> {
-    if path.symlink_metadata().is_err() {
-        return Ok(None);
-    }
-    let aside = temporary(path)?.into_inner().map_err(io::IntoInnerError::into_error)?.into_temp_path();
-    std::fs::rename(path, &aside)?;
-    Ok(Some(aside))
-}
-
-fn persist(file: NamedTempFile, path: &Path) -> io::Result<()> {
-    // Without this, a power cut could leave the name on an empty file.
-    file.as_file().sync_all()?;
-    file.persist(path).map(|_| ()).map_err(|error| error.error)
 }
 
 impl Body {
