@@ -55,5 +55,6 @@ pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask),
 }
 
 fn find(auto: &mut AutoMask, slices: &[Slice]) -> Mask {
-    slices.iter().find_map(|slice| auto.push(&slice.image)).unwrap_or_else(|| auto.finish()).mask
+    let found = slices.iter().find_map(|slice| auto.push(&slice.image)).unwrap_or_else(|| auto.finish());
+    (*found.mask).clone()
 }

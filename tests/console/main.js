@@ -9,6 +9,7 @@ await import("./words.test.js");
 await import("./pictures.test.js");
 await import("./steering.test.js");
 await import("./commands.test.js");
+await import("./mask.test.js");
 await import("./planes.test.js");
 await import("./measure.test.js");
 await import("./replay.test.js");

@@ -7,12 +7,15 @@ use std::time::{Duration, Instant};
 
 use drivers::replay::Pace;
 use formats::session::WriterOptions;
-use pipeline::command::Command;
+use mask::MaskShape;
+use pipeline::MaskOrigin;
+use pipeline::command::{Command, MaskChange};
 use pipeline::session::{Drawn, First, NoVolume, Reader, Session, Snapshot, ViewClient, VolumeRequest, run};
 use render::classify::transfer::Transfer;
 use render::{RenderSettings, Renderer};
 use sonoweave_core::clock::{Monotonic, SECOND};
 use sonoweave_core::refusal::Reason;
+use sonoweave_core::region::ClipRect;
 
 use crate::replay::again;
 use crate::script::{FRAME, begin, frames as all_frames, height_mm, poses};
@@ -97,6 +100,62 @@ fn freezing_and_clearing_are_repeated_by_the_replay() {
         assert_eq!(decisions.differences().first, None);
         assert_eq!(replayed.digest.as_ref(), Some(&digest));
         assert_eq!(frames(&replayed), (total, used, refused.clone()));
+    }
+}
+
+#[test]
+fn changed_mask_holds_for_later_slices_and_is_replayed() {
+    let begin_ns = begin();
+    let disk = Memory::default();
+    let set = Set::of(poses(begin_ns, FRAMES), all_frames(begin_ns, FRAMES)).waits(SECOND).recorded(
+        disk.clone(),
+        WriterOptions::new("a test"),
+        0,
+    );
+    let mut done = 0;
+    let rect = Mutex::new(None);
+    let (live, _) = set.instructed(|status, _| {
+        let used = status.ledger.frames.used;
+        let Some(mask) = &status.mask else { return Some(Vec::new()) };
+        let [width, height] = mask.size_px;
+        let half = ClipRect { x: 0, y: 0, width: width / 2, height };
+        *rect.lock().unwrap() = Some(half);
+        let beyond = ClipRect { width: width + 1, ..half };
+        let (due, change) = match done {
+            0 => (used >= 10, MaskChange::Keep),
+            1 => (used >= 20, MaskChange::Rectangle(half)),
+            // The controller refuses this one; a session that receives it keeps its mask.
+            2 => (used >= 30, MaskChange::Rectangle(beyond)),
+            _ => (false, MaskChange::Keep),
+        };
+        Some(if due {
+            done += 1;
+            vec![Command::Mask(change).into()]
+        } else {
+            Vec::new()
+        })
+    });
+    assert_eq!(done, 3);
+    let (total, used, _) = frames(&live);
+    assert_eq!((total, used), (FRAMES, FRAMES), "no frame is lost");
+    let mask = live.status.mask.clone().unwrap();
+    let half = rect.lock().unwrap().unwrap();
+    assert_eq!((mask.origin, mask.found.shape), (MaskOrigin::Operator, MaskShape::Rectangle(half)));
+    assert!(
+        live.status.notes.iter().any(|note| note.starts_with("the mask is not changed: ")),
+        "{:?}",
+        live.status.notes
+    );
+    let outcome = live.outcome.as_ref().unwrap();
+    assert_eq!(outcome.mask.mask.bounds(), Some(half));
+    let pixels = outcome.reconstructor.work().filter.pixels;
+    let of_frame = u64::from(mask.size_px[0] * mask.size_px[1]);
+    assert!(pixels > FRAMES * of_frame / 2 && pixels < FRAMES * of_frame, "{pixels}: only later slices are halved");
+    for pace in [Pace::Unpaced, Pace::Factor(4.0)] {
+        let (replayed, decisions) = again(&disk, SECOND, pace, false, |_, _| {});
+        assert_eq!(decisions.differences().first, None);
+        assert_eq!(replayed.digest, live.digest);
+        assert_eq!(replayed.status.mask.unwrap(), mask);
     }
 }
 

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use mask::{Clip, MaskSettings};
+use mask::{Clip, MaskPlan, MaskSettings, MaskShape};
 use sonoweave_core::region::{ClipRect, Fan};
 
 use super::*;
@@ -195,4 +195,18 @@ fn command_line_precedes_configuration() {
     assert_eq!(settings.pairing_options(None).world.as_deref(), Some("Reference"));
     assert_eq!(settings.pairing_options(Some("Tracker")).world.as_deref(), Some("Tracker"));
     assert_eq!(settings.pairing_options(None).image, "Image");
+}
+
+#[test]
+fn keys_of_mask_shape_give_that_mask() {
+    let head = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n\
+                [grabber]\ndevice = \"virtual\"\n[calibration]\n";
+    let fan = Fan::new([320.25, -41.5], [100.0, 412.75], [-33.125, 34.0]).unwrap();
+    for shape in [MaskShape::Whole, MaskShape::Rectangle(ClipRect::new(12, 3, 400, 300).unwrap()), MaskShape::Fan(fan)]
+    {
+        let text = format!("{head}{}\n", shape.config().unwrap());
+        let settings = crate::bedside::Bedside::parse(Path::new("bed.toml"), &text).unwrap().mask;
+        let MaskPlan::Fixed(mask) = settings.plan(640, 480).unwrap() else { panic!("{text}") };
+        assert_eq!(settings.known(mask).shape, shape, "{text}");
+    }
 }

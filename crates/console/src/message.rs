@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use config::bedside::SettingsOverride;
-use pipeline::command::Command;
+use pipeline::command::{Command, MaskChange};
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
@@ -81,6 +81,11 @@ enum MessageJson {
         on: bool,
     },
     Clear {},
+    /// Changes the mask of later slices, or confirms the present one.
+    Mask {
+        #[serde(rename = "as")]
+        change: MaskChange,
+    },
     Save {},
     Snapshot {},
     /// Replays a recording with its recorded settings, except for these keys.
@@ -189,6 +194,7 @@ impl ClientMessage {
             MessageJson::Stop {} => Self::Command(Command::Stop),
             MessageJson::Freeze { on } => Self::Command(Command::Freeze(on)),
             MessageJson::Clear {} => Self::Command(Command::Clear),
+            MessageJson::Mask { change } => Self::Command(Command::Mask(change)),
             MessageJson::Save {} => Self::Command(Command::Save),
             MessageJson::Again { settings } => Self::Replay(settings),
         })
@@ -231,6 +237,7 @@ impl std::convert::From<Move> for ClientMessage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sonoweave_core::region::{ClipRect, Fan};
 
     #[test]
     fn every_command_parses_and_others_are_refused() {
@@ -241,12 +248,34 @@ mod tests {
             ("{\"do\":\"freeze\",\"on\":true}", Command::Freeze(true)),
             ("{\"do\":\"clear\"}", Command::Clear),
             ("{\"do\":\"save\"}", Command::Save),
+            ("{\"do\":\"mask\",\"as\":\"keep\"}", Command::Mask(MaskChange::Keep)),
+            ("{\"do\":\"mask\",\"as\":\"whole\"}", Command::Mask(MaskChange::Whole)),
+            (
+                "{\"do\":\"mask\",\"as\":{\"rectangle\":{\"x\":1,\"y\":2,\"width\":3,\"height\":4}}}",
+                Command::Mask(MaskChange::Rectangle(ClipRect { x: 1, y: 2, width: 3, height: 4 })),
+            ),
+            (
+                "{\"do\":\"mask\",\"as\":{\"fan\":{\"origin_px\":[9,-2],\"radii_px\":[3,8],\"angles_deg\":[-30,31]}}}",
+                Command::Mask(MaskChange::Fan(Fan::new([9.0, -2.0], [3.0, 8.0], [-30.0, 31.0]).unwrap())),
+            ),
         ] {
             assert_eq!(ClientMessage::parse(text), Ok(ClientMessage::Command(command)), "{text}");
         }
         assert_eq!(ClientMessage::parse("{\"do\":\"control\"}"), Ok(ClientMessage::Page(PageMessage::Control)));
-        for text in ["", "{}", "{\"do\":\"reboot\"}", "{\"do\":\"freeze\"}", "{\"do\":\"save\",\"to\":\"/etc\"}", "[1]"]
-        {
+        let no_rectangle = "{\"do\":\"mask\",\"as\":{\"rectangle\":{\"x\":-1,\"y\":2,\"width\":3,\"height\":4}}}";
+        let no_number =
+            "{\"do\":\"mask\",\"as\":{\"fan\":{\"origin_px\":[null,0],\"radii_px\":[3,8],\"angles_deg\":[-3,3]}}}";
+        for text in [
+            no_rectangle,
+            no_number,
+            "{\"do\":\"mask\"}",
+            "",
+            "{}",
+            "{\"do\":\"reboot\"}",
+            "{\"do\":\"freeze\"}",
+            "{\"do\":\"save\",\"to\":\"/etc\"}",
+            "[1]",
+        ] {
             let why = ClientMessage::parse(text).unwrap_err().to_string();
             assert!(why.starts_with("this is not a valid command: "), "{text}: {why}");
         }

@@ -66,6 +66,7 @@ impl PagePublisher {
             "desk": served.session.controller.status(),
             "frozen": account.frozen,
             "volume": account.volume,
+            "mask": account.mask,
             "slices": ledger.used,
             "frames": ledger.total,
             "refused": refused,

@@ -35,7 +35,7 @@ use serde::Serialize;
 
 use mask::{Mask, MaskPlan, MaskSettings};
 use pipeline::session::SessionStatus;
-use pipeline::{CapturedFrame, Observer};
+use pipeline::{CapturedFrame, InsertedSlice, Observer};
 use sonoweave_core::clock::SECOND;
 use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
@@ -204,6 +204,15 @@ impl Observer for ScanGuidance {
         state.speed.add(&plane, slice.time_ns);
         state.holes.add(&plane, mask, slice.time_ns);
         state.present = Some((plane, slice.time_ns));
+    }
+
+    /// Follows the mask that was found, or that an operator chose.
+    fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        let mut state = self.lock();
+        if state.mask.as_ref() != Some(inserted.mask) {
+            state.mask = Some(inserted.mask.clone());
+        }
+        Ok(())
     }
 
     fn pose(&self, [from, _]: [&str; 2], sample: &PoseSample) {

@@ -7,9 +7,14 @@
 //! - [`Mask`]: the pixels, as spans of each row.
 //! - [`MaskSettings`]: the user's or the configuration's settings, and the mask that follows
 //!   from them, at once or after some frames.
-//! - [`auto`]: detection of the image in the frames themselves.
+//! - [`MaskChange`]: a mask that an operator orders while a session runs.
+//! - [`auto`]: detection of the picture in the frames themselves; [`found`]: its outcome.
 
 pub mod auto;
+mod border;
+mod change;
+mod exact;
+pub mod found;
 mod shape;
 mod spans;
 
@@ -20,7 +25,9 @@ use serde::Serialize;
 use sonoweave_core::keys::{BadNumbers, numbers};
 use sonoweave_core::region::{BadRegion, ClipRect, Fan};
 
-pub use auto::{AutoMask, Found};
+pub use auto::AutoMask;
+pub use change::MaskChange;
+pub use found::{Border, MaskFound, MaskShape, UnsureReason};
 pub use spans::{Mask, Span};
 
 /// Region that clips the frame, besides a fan.
@@ -69,6 +76,19 @@ impl MaskSettings {
             Ok(MaskPlan::Fixed(mask)) => mask.bounds().unwrap_or(whole),
             _ => whole,
         }
+    }
+
+    /// Returns a mask that follows from these settings, with its shape.
+    pub fn known(&self, mask: Mask) -> MaskFound {
+        let shape = match (self.clip, self.fan) {
+            (Clip::Auto | Clip::None, Some(fan)) => MaskShape::Fan(fan),
+            (_, Some(_)) => MaskShape::Outline,
+            (_, None) => match mask.bounds() {
+                Some(rect) if !mask.is_full() => MaskShape::Rectangle(rect),
+                _ => MaskShape::Whole,
+            },
+        };
+        MaskFound::certain(mask, shape)
     }
 
     /// Whether the mask is known before the first frame.
@@ -165,6 +185,17 @@ pub enum MaskError {
         calibrated: [u32; 2],
         /// Width and height of the frames.
         found: [u32; 2],
+    },
+    /// A rectangle leaves the frame.
+    #[error(
+        "the rectangle {},{} of {}×{} pixels leaves the {}×{} picture; choose one inside of it",
+        .rect.x, .rect.y, .rect.width, .rect.height, .size[0], .size[1]
+    )]
+    Leaves {
+        /// The rectangle.
+        rect: ClipRect,
+        /// Width and height of the frames.
+        size: [u32; 2],
     },
     /// Rectangle and fan leave no pixel.
     #[error("the clip region leaves nothing of the {}×{} picture: {region}", .size[0], .size[1])]

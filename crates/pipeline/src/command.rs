@@ -3,6 +3,8 @@
 
 use serde_json::Value;
 
+pub use mask::MaskChange;
+
 /// A command to a session.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
@@ -16,6 +18,8 @@ pub enum Command {
     Freeze(bool),
     /// Discards the volume.
     Clear,
+    /// Changes the mask of later slices, or confirms the present one.
+    Mask(MaskChange),
     /// Writes the present volume.
     Save,
     /// Changes a setting of the running session.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DVec3;
 use tracing::trace_span;
 
-use mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
+use mask::{AutoMask, Mask, MaskChange, MaskFound, MaskPlan, MaskSettings};
 use reconstruct::path_choice::{Chosen, PathChoice};
 use reconstruct::planar::PlanarSettings;
 use reconstruct::settings::IN_PLANE_SIGMA;
@@ -19,6 +19,7 @@ use sync::extent::{mean_axes, reached};
 
 use super::observer::InsertedSlice;
 use super::{PipelineError, PixelKind};
+use crate::masking::{MaskOrigin, MaskRefusal};
 use crate::trace::STAGE;
 
 /// Memory limit of slices that wait for the mask; if frames are larger, fewer are analysed.
@@ -44,6 +45,12 @@ pub(super) trait OutcomeSink {
 
     /// The slice was refused; nothing has changed.
     fn refused(&mut self, refusal: &Refusal);
+
+    /// The mask of later slices is known, or has changed.
+    fn masked(&mut self, found: &MaskFound, origin: MaskOrigin);
+
+    /// An operator's mask was not taken.
+    fn mask_refused(&mut self, refusal: &MaskRefusal);
 }
 
 /// The mask stage: slices wait until the frame's data region is known.
@@ -60,6 +67,9 @@ enum MaskState {
 
 /// Inputs of the reconstruction, except the mask.
 pub(super) struct Plan {
+    /// Whether the automatic mask knows only borders that are exactly zero, as in sessions of
+    /// earlier versions.
+    pub(super) zero_borders: bool,
     pub(super) choice: PathChoice,
     pub(super) settings: Settings,
     pub(super) planar: PlanarSettings,
@@ -73,14 +83,6 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Returns the initial mask stage, and the mask if it is known.
-    fn stage(&mut self, mask: MaskPlan, notes: &mut Vec<String>) -> Result<(MaskState, Option<Mask>), SettingsError> {
-        Ok(match mask {
-            MaskPlan::Auto(search) => (MaskState::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
-            MaskPlan::Fixed(mask) => (self.begin(&mask, notes)?, Some(mask)),
-        })
-    }
-
     /// Chooses the path once the mask is known.
     fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<MaskState, SettingsError> {
         let mut chosen = match self.chosen.take() {
@@ -108,7 +110,7 @@ impl Plan {
 pub(super) struct VolumeInserter {
     plan: Plan,
     stage: MaskState,
-    mask: Option<Mask>,
+    mask: Option<MaskFound>,
     used: u64,
     reached: Option<[[i64; 3]; 2]>,
     slice_axes: Option<[DVec3; 2]>,
@@ -119,7 +121,7 @@ pub(super) struct VolumeInserter {
 /// Result of an inserter.
 pub(super) struct FinishedVolume {
     pub(super) reconstructor: PathReconstructor,
-    pub(super) mask: Mask,
+    pub(super) mask: MaskFound,
     pub(super) chosen: Chosen,
     pub(super) reached: Option<[[i64; 3]; 2]>,
     pub(super) slice_axes: Option<[DVec3; 2]>,
@@ -154,9 +156,18 @@ impl VolumeInserter {
         slice: Slice,
         outcomes: &mut impl OutcomeSink,
     ) -> Result<(), PipelineError> {
-        if let MaskState::Unknown(mask) = &self.stage {
-            let plan = mask.plan(slice.image.width(), slice.image.height())?;
-            (self.stage, self.mask) = self.plan.stage(plan, &mut self.notes)?;
+        if let MaskState::Unknown(settings) = self.stage {
+            let (width, height) = (slice.image.width(), slice.image.height());
+            match settings.plan(width, height)? {
+                MaskPlan::Fixed(mask) => {
+                    self.known(&settings.known(mask), MaskOrigin::Configured, outcomes)?;
+                }
+                MaskPlan::Auto(search) => {
+                    let zero = self.plan.zero_borders;
+                    let search = if zero { AutoMask::of_zero_borders(width, height) } else { search };
+                    self.stage = MaskState::Searching { search, waiting: Vec::new(), bytes: 0 };
+                }
+            }
         }
         let found = match &mut self.stage {
             MaskState::Unknown(_) => None,
@@ -168,19 +179,68 @@ impl VolumeInserter {
                 found.or_else(|| (*bytes > MOST_WAITING_BYTES).then(|| search.finish()))
             }
         };
-        found.map_or(Ok(()), |found| self.found(found, outcomes))
+        found.map_or(Ok(()), |found| self.found(&found, outcomes))
     }
 
     /// Inserts the slices that waited for the mask, once it is found.
-    fn found(&mut self, found: Found, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
-        self.notes.extend(found.notes);
-        let known = self.plan.begin(&found.mask, &mut self.notes)?;
-        self.mask = Some(found.mask);
-        if let MaskState::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
+    fn found(&mut self, found: &MaskFound, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        self.notes.extend(found.notes());
+        if let MaskState::Searching { waiting, .. } = self.known(found, MaskOrigin::Found, outcomes)? {
             for (item, slice) in waiting {
                 self.insert_now(item, &slice, outcomes)?;
             }
         }
+        Ok(())
+    }
+
+    /// Begins the volume with a mask; returns the stage before.
+    fn known(
+        &mut self,
+        found: &MaskFound,
+        origin: MaskOrigin,
+        outcomes: &mut impl OutcomeSink,
+    ) -> Result<MaskState, PipelineError> {
+        let known = self.plan.begin(&found.mask, &mut self.notes)?;
+        self.mask = Some(found.clone());
+        outcomes.masked(found, origin);
+        Ok(std::mem::replace(&mut self.stage, known))
+    }
+
+    /// Changes the mask of later slices, as an operator orders; slices that wait for the mask are
+    /// inserted before. A mask that cannot be taken leaves the present one.
+    ///
+    /// # Errors
+    /// Same as [`Self::insert`].
+    pub(super) fn change_mask(
+        &mut self,
+        change: &MaskChange,
+        outcomes: &mut impl OutcomeSink,
+    ) -> Result<(), PipelineError> {
+        self.end(outcomes)?;
+        let (MaskState::Known(reconstructor), Some(present)) = (&mut self.stage, &mut self.mask) else {
+            outcomes.mask_refused(&MaskRefusal::Undecided);
+            return Ok(());
+        };
+        let mask = match change.mask([present.mask.width(), present.mask.height()]) {
+            Ok(mask) => mask,
+            Err(error) => {
+                outcomes.mask_refused(&error.into());
+                return Ok(());
+            }
+        };
+        let (changed, origin) = match mask.zip(change.shape()) {
+            None => {
+                let confirmed = MaskFound { recognised: true, confidence: 1.0, reasons: Vec::new(), ..present.clone() };
+                (confirmed, MaskOrigin::Confirmed)
+            }
+            Some((mask, shape)) => (MaskFound::certain(mask, shape), MaskOrigin::Operator),
+        };
+        if changed.mask != present.mask && !reconstructor.set_mask((*changed.mask).clone())? {
+            outcomes.mask_refused(&MaskRefusal::Planar);
+            return Ok(());
+        }
+        outcomes.masked(&changed, origin);
+        *present = changed;
         Ok(())
     }
 
@@ -201,7 +261,7 @@ impl VolumeInserter {
             Ok(touched) => {
                 // The lattice and the kernels are known from the first slice on.
                 if let (None, Some(kernels), Some(data)) =
-                    (self.reached, reconstructor.kernels(), self.mask.as_ref().and_then(Mask::bounds))
+                    (self.reached, reconstructor.kernels(), self.mask.as_ref().and_then(|found| found.mask.bounds()))
                 {
                     let supports_mm = kernels.each_ref().map(|k| k.support_mm);
                     self.reached = reached(&self.plan.poses, data, supports_mm, reconstructor.world_from_lattice());
@@ -213,7 +273,7 @@ impl VolumeInserter {
                     Pixels::U16(_) => PixelKind::U16,
                     Pixels::F32(_) => PixelKind::F32,
                 };
-                let Some(mask) = &self.mask else { return Ok(()) };
+                let Some(MaskFound { mask, .. }) = &self.mask else { return Ok(()) };
                 return outcomes.inserted(&InsertedSlice {
                     item,
                     slice,
@@ -251,7 +311,7 @@ impl VolumeInserter {
     /// Same as [`Self::insert`].
     pub(super) fn clear(&mut self, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
         self.end(outcomes)?;
-        if let Some(mask) = &self.mask {
+        if let Some(MaskFound { mask, .. }) = &self.mask {
             // The notes were made when the mask was found.
             self.stage = self.plan.begin(mask, &mut Vec::new())?;
         }
@@ -276,7 +336,7 @@ impl VolumeInserter {
             MaskState::Searching { search, .. } => Some(search.finish()),
             MaskState::Known(_) | MaskState::Unknown(_) => None,
         };
-        found.map_or(Ok(()), |found| self.found(found, outcomes))
+        found.map_or(Ok(()), |found| self.found(&found, outcomes))
     }
 
     /// Returns the result, after its [end](Self::end). `None` if no slice was inserted.

@@ -4,18 +4,21 @@
 //!   one thread per stage.
 //! - [`command`]: the commands to a session.
 //! - `inserter`: the inserter, from slices through the mask into the volume.
+//! - `masking`: the mask's status, and refusals of another.
 //! - `outcome`: the result of a run.
 //! - `observer`: observers of frames, slices and the volume.
 
 pub mod command;
 pub mod control;
 mod inserter;
+mod masking;
 mod observer;
 mod outcome;
 pub mod session;
 pub mod trace;
 
 pub use inserter::OffPlane;
+pub use masking::{MaskOrigin, MaskRefusal, MaskStatus};
 pub use observer::{CapturedFrame, InsertedSlice, Observer};
 pub use outcome::Outcome;
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use mask::Mask;
+use mask::MaskFound;
 use reconstruct::PathReconstructor;
 use reconstruct::path_choice::Chosen;
 use sonoweave_core::ledger::Ledger;
@@ -21,8 +21,8 @@ pub struct Outcome {
     pub world: String,
     /// Description of the transforms from the image to the world.
     pub route: String,
-    /// The frames' data region.
-    pub mask: Mask,
+    /// The frames' data region, as it was last.
+    pub mask: MaskFound,
     /// First and last voxel that the slices' data and kernels reach, by the poses known before
     /// the first insertion.
     pub reached: Option<[[i64; 3]; 2]>,

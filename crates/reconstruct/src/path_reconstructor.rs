@@ -113,6 +113,18 @@ impl PathReconstructor {
         }
     }
 
+    /// Changes the mask of later slices; what is in the volume stays. Returns false on the planar
+    /// path, which has changed nothing: its columns hold one rectangle.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work with this mask; nothing has changed then.
+    pub fn set_mask(&mut self, mask: Mask) -> Result<bool, SettingsError> {
+        match &mut self.active {
+            Active::General(reconstructor) => reconstructor.set_mask(mask).map(|()| true),
+            Active::Planar(_) => Ok(false),
+        }
+    }
+
     /// The volume so far.
     pub fn volume(&self) -> &dyn Voxels {
         either!(self, r => r.volume())

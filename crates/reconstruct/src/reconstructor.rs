@@ -170,6 +170,21 @@ impl Reconstructor {
         self.work
     }
 
+    /// Changes the mask of later slices; what is in the volume stays.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work with this mask; nothing has changed then.
+    pub fn set_mask(&mut self, mask: Mask) -> Result<(), SettingsError> {
+        self.settings.check(&mask)?;
+        let before = (std::mem::replace(&mut self.mask, mask), self.prepared.take());
+        let Some(pixel_mm) = before.1.as_ref().map(|prepared| prepared.pixel_mm) else { return Ok(()) };
+        let made = Sharing::within(self.pool.clone().as_deref(), |sharing| self.prepare(pixel_mm, sharing));
+        if made.is_err() {
+            (self.mask, self.prepared) = before;
+        }
+        made
+    }
+
     /// Inserts a slice into the volume.
     ///
     /// # Errors

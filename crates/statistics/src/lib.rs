@@ -17,7 +17,7 @@ use config::Settings as Config;
 use export::fill::{FillWork, Filled};
 use export::volume::DenseBox;
 use formats::whole::write_whole;
-use mask::MaskSettings;
+use mask::{MaskFound, MaskSettings};
 use pipeline::Outcome;
 use reconstruct::Compounding;
 use sonoweave_core::ledger::Ledger;
@@ -195,6 +195,8 @@ pub struct Statistics {
     pub data_pixels: u64,
     /// Their bounding rectangle: x, y, width, height.
     pub data_rectangle: Option<[u32; 4]>,
+    /// Their shape, and how certain it is.
+    pub mask_found: MaskFound,
     /// Voxels whose weight was clamped, summed over slices.
     pub w_clamped: u64,
     /// Work counters.
@@ -253,8 +255,9 @@ impl Statistics {
             pixel_mm: reconstructor.pixel_mm().unwrap_or_default(),
             decimation,
             decimation_deviation,
-            data_pixels: outcome.mask.area(),
-            data_rectangle: outcome.mask.bounds().map(|r| [r.x, r.y, r.width, r.height]),
+            data_pixels: outcome.mask.mask.area(),
+            data_rectangle: outcome.mask.mask.bounds().map(|r| [r.x, r.y, r.width, r.height]),
+            mask_found: outcome.mask.clone(),
             w_clamped: work.weights_clamped,
             work: WorkNumbers {
                 pixels_filtered: work.filter.pixels,

@@ -157,7 +157,7 @@ impl LiveApp<'_> {
             self.quit.store(true, Ordering::Relaxed);
         }
         let quits = self.quit.load(Ordering::Relaxed);
-        self.controller.update(&status.world);
+        self.controller.update(status);
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
             igtl.send_status(|| line(status));

@@ -191,7 +191,7 @@ impl Showing<'_> {
     /// Publishes the status to observers. The pipeline calls this at regular intervals.
     fn watch(&mut self, status: &SessionStatus) -> Vec<Instruction> {
         let quits = self.quit.load(Ordering::Relaxed);
-        self.controller.update(&status.world);
+        self.controller.update(status);
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
             igtl.send_status(|| line(status));

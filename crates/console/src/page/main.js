@@ -7,6 +7,7 @@ import { GuidanceCard } from "./guidance.js";
 import { CommandButtons } from "./commands.js";
 import { JPEG, SLICE, VIEW } from "./header.js";
 import { Marks } from "./marks.js";
+import { MaskCard } from "./mask.js";
 import { Measure } from "./measure.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
@@ -33,6 +34,8 @@ const viewFigures = new ViewFigures(of("view-figures"));
 measured.open.projected = viewFigures.open;
 const banner = new Banner(of("banner"), of("announcer"));
 const commands = new CommandButtons(of("commands"), of("ask"), (message) => stream.send(message));
+const maskCard = new MaskCard(of, (message) => stream.send(message));
+measured.open.mask = maskCard.open;
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, figures: viewFigures },
@@ -116,6 +119,7 @@ function message(key, value) {
     const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
     cards.update(value, spread);
     commands.update(value.desk, value.volume);
+    maskCard.update(value.mask, value.desk);
     replay.update(value.desk);
     happened(value.desk.events);
     if (!value.volume && measure.open.results.length + measure.open.points.length > 0) measure.clear();
@@ -130,6 +134,7 @@ function message(key, value) {
     measured.open.control = value;
     view.control(value);
     commands.control(value);
+    maskCard.control(value);
     replay.control(value);
     planes.control(value);
   } else if (key === "plane") {
@@ -176,6 +181,8 @@ function changed() {
     view.control(null);
     commands.control(null);
     commands.update(null, null);
+    maskCard.control(null);
+    maskCard.update(null, null);
     replay.control(null);
     planes.control(null);
     measured.open.control = null;

@@ -2,7 +2,9 @@
 
 use std::sync::atomic::Ordering;
 
-use pipeline::{CapturedFrame, Observer as _};
+use mask::{Mask, MaskFound, MaskShape};
+use pipeline::command::{Command, MaskChange};
+use pipeline::{CapturedFrame, MaskOrigin, MaskStatus, Observer as _};
 use render::camera::View;
 use sonoweave_core::slice::{Image, Pixels};
 
@@ -51,6 +53,34 @@ fn programs_send_same_commands_as_pages() {
     assert_eq!(status, StatusCode::NOT_FOUND, "{sentence}");
     let (status, _, sentence) = get("/v1/pictures/passwords.png");
     assert_eq!(status, StatusCode::NOT_FOUND, "{sentence}");
+}
+
+#[test]
+fn mask_command_is_refused_with_sentence_or_accepted() {
+    let served = served(&session());
+    let controller = Arc::clone(&served.session.controller);
+    controller.runs(false, String::new());
+    let fan = |radii: &str| {
+        let fan = format!("{{\"origin_px\":[32,-9],\"radii_px\":{radii},\"angles_deg\":[-30,30]}}");
+        say(&served, &format!("{{\"do\":\"mask\",\"as\":{{\"fan\":{fan}}}}}"))
+    };
+    let (status, sentence) = fan("[9,50]");
+    assert_eq!(status, StatusCode::CONFLICT);
+    assert!(sentence["refused"].as_str().unwrap().contains("still being searched for"), "{sentence}");
+    let found = MaskFound::certain(Mask::full(64, 48), MaskShape::Whole);
+    let mask = Some(MaskStatus::new(found, MaskOrigin::Found, None));
+    controller.update(&SessionStatus { mask, ..SessionStatus::default() });
+    for (radii, expected) in [("[50,9]", "radii must grow"), ("[900,901]", "leaves nothing of the 64×48 picture")] {
+        let (status, sentence) = fan(radii);
+        assert_eq!(status, StatusCode::CONFLICT, "{sentence}");
+        assert!(sentence["refused"].as_str().unwrap().contains(expected), "{sentence}");
+    }
+    let (status, _) = fan("[1e999,50]");
+    assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "no number");
+    assert!(controller.commands().is_empty());
+    let (status, sentence) = fan("[9,50]");
+    assert_eq!(status, StatusCode::OK, "{sentence}");
+    assert!(matches!(controller.commands()[..], [Command::Mask(MaskChange::Fan(_))]));
 }
 
 #[test]
@@ -147,6 +177,7 @@ fn openapi_describes_every_path_and_command() {
             let value = match key.as_str() {
                 "at" => serde_json::json!(vec![0.5; what["maxItems"].as_u64().unwrap() as usize]),
                 "points" => serde_json::json!([[0, 0], [255, 1]]),
+                "as" => what["oneOf"][0]["enum"][0].clone(),
                 "preset" => serde_json::json!("tissue"),
                 "settings" => serde_json::json!({ "volume.spacing_mm": 1 }),
                 "number" => serde_json::json!(1),

@@ -4,8 +4,10 @@ use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use sonoweave_core::region::Fan;
+use sonoweave_core::slice::Pixels;
 
 use super::*;
+use crate::UnsureReason;
 
 const W: u32 = 820;
 const H: u32 = 616;
@@ -20,7 +22,7 @@ fn speckle(rng: &mut impl Rng) -> u8 {
     if rng.random_bool(0.1) { 0 } else { rng.random_range(1..=255) }
 }
 
-fn found(frames: u8, mut frame: impl FnMut(u8) -> Image) -> Found {
+fn found(frames: u8, mut frame: impl FnMut(u8) -> Image) -> MaskFound {
     let mut auto = None;
     for index in 0..frames {
         let image = frame(index);
@@ -46,7 +48,7 @@ fn linear_image_found_to_the_pixel() {
                 }
             })
         });
-        assert!(found.recognised && found.notes.is_empty());
+        assert!(found.recognised && found.reasons.is_empty());
         assert_eq!(found.mask.area(), (631 - 187 + 1) * (601 - 12 + 1), "{frames}");
         assert!(found.mask.contains(187, 12) && found.mask.contains(631, 601));
     }
@@ -58,7 +60,7 @@ fn curvilinear_image_keeps_concave_top() {
     let truth = Mask::fan(W, H, &fan);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let found = found(8, |_| image(W, H, |u, v| if truth.contains(u, v) { speckle(&mut rng) } else { 0 }));
-    assert!(found.recognised, "{:?}", found.notes);
+    assert!(found.recognised, "{:?}", found.reasons);
     assert_eq!(found.mask.intersect(&truth).area(), truth.area(), "nothing of the picture is lost");
     assert!(found.mask.area() < truth.area() * 1005 / 1000, "{} {}", found.mask.area(), truth.area());
     assert!(!found.mask.contains(400, 55), "above the transducer's face");
@@ -108,7 +110,7 @@ fn bright_dots_in_black_water_cut_nothing() {
     assert!(!found.recognised);
     assert!(found.mask.is_full());
     assert_eq!(
-        found.notes,
+        found.notes(),
         [
             "no picture edge found on the left, right, top, bottom: the frame's edge counts; set a clip, or none, otherwise"
         ]
@@ -126,7 +128,7 @@ fn only_plain_edge_is_cut() {
     });
     assert!(!found.recognised);
     assert_eq!(found.mask.bounds().map(|b| (b.x, b.y, b.width, b.height)), Some((0, 40, W, H - 40)));
-    assert!(found.notes[0].contains("left, right, bottom:"), "{:?}", found.notes);
+    assert!(found.notes()[0].contains("left, right, bottom:"), "{:?}", found.reasons);
 }
 
 #[test]
@@ -143,15 +145,15 @@ fn growing_object_is_not_an_image() {
 fn small_bright_spot_is_not_an_image() {
     let found = found(3, |_| image(W, H, |u, v| u8::from(u.abs_diff(400) < 50 && v.abs_diff(300) < 50)));
     assert!(!found.recognised);
-    assert!(found.mask.is_full() && found.notes[0].contains("left, right, top, bottom"), "{:?}", found.notes);
+    assert!(found.mask.is_full() && found.notes()[0].contains("left, right, top, bottom"), "{:?}", found.reasons);
 }
 
 #[test]
 fn black_and_full_frames_are_all_data() {
     let black = found(8, |_| image(40, 30, |_, _| 0));
-    assert!(black.mask.is_full() && !black.recognised && black.notes[0].contains("all black"));
+    assert!(black.mask.is_full() && !black.recognised && black.notes()[0].contains("all black"));
     let full = found(8, |_| image(40, 30, |_, _| 7));
-    assert!(full.mask.is_full() && full.recognised && full.notes.is_empty());
+    assert!(full.mask.is_full() && full.reasons == [UnsureReason::Nothing], "nothing but one level");
     assert!(AutoMask::new(40, 30).finish().mask.is_full());
 }
 

@@ -35,9 +35,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 
 use config::bedside::SettingsOverride;
+use mask::MaskChange;
+use reconstruct::Path as InsertionPath;
 
 use crate::command::Command;
-use crate::session::{NoVolume, Reader, Snapshot, VolumeRequest};
+use crate::session::{NoVolume, Reader, SessionStatus, Snapshot, VolumeRequest};
+use crate::{MaskRefusal, MaskStatus};
 
 pub use refusal::{ControlError, SaveError};
 pub use replayed::{ReplayStatus, Replayed, ViewedFrame};
@@ -124,6 +127,9 @@ struct State {
     /// Commands that wait for the running session.
     waiting: Vec<Command>,
     saving: Option<f64>,
+    /// The mask of slices, and whether they are inserted by the planar path.
+    mask: Option<MaskStatus>,
+    planar: bool,
     /// Source of the volume, and name of its coordinate system.
     input: String,
     world: String,
@@ -135,6 +141,7 @@ impl State {
     /// Begins another phase, without waiting commands.
     fn begin(&mut self, phase: Phase) {
         (self.phase, self.records, self.frozen) = (phase, false, false);
+        (self.mask, self.planar) = (None, false);
         self.waiting.clear();
     }
 }
@@ -189,14 +196,25 @@ impl SessionController {
         if self.replayed.is_some()
             && matches!(
                 command,
-                Command::Record | Command::Scan | Command::Freeze(_) | Command::Clear | Command::Set(_)
+                Command::Record
+                    | Command::Scan
+                    | Command::Freeze(_)
+                    | Command::Clear
+                    | Command::Mask(_)
+                    | Command::Set(_)
             )
         {
             return Err(ControlError::Recorded);
         }
         match (command, phase) {
             (
-                Command::Record | Command::Scan | Command::Stop | Command::Freeze(_) | Command::Clear | Command::Set(_),
+                Command::Record
+                | Command::Scan
+                | Command::Stop
+                | Command::Freeze(_)
+                | Command::Clear
+                | Command::Mask(_)
+                | Command::Set(_),
                 Phase::Opening | Phase::Ending,
             ) => Err(ControlError::Busy),
             (Command::Record, Phase::Running) if records => Err(ControlError::AlreadyRecording),
@@ -210,7 +228,7 @@ impl SessionController {
                 self.turn.store(true, Ordering::Relaxed);
                 Ok(if records { "a new volume begins, with a recording" } else { "a new volume begins" }.into())
             }
-            (Command::Stop | Command::Freeze(_) | Command::Clear | Command::Set(_), Phase::Over) => {
+            (Command::Stop | Command::Freeze(_) | Command::Clear | Command::Mask(_) | Command::Set(_), Phase::Over) => {
                 Err(ControlError::Over)
             }
             (Command::Stop, Phase::Running) => {
@@ -234,6 +252,19 @@ impl SessionController {
             (Command::Clear, Phase::Running) => {
                 state.waiting.push(command);
                 Ok("the volume was cleared and begins again".into())
+            }
+            (Command::Mask(change), Phase::Running) => {
+                let present = state.mask.as_ref().ok_or(MaskRefusal::Undecided)?;
+                present.check(&change)?;
+                let changes = change.shape().is_some_and(|shape| shape != present.found.shape);
+                if state.planar && changes {
+                    return Err(MaskRefusal::Planar.into());
+                }
+                state.waiting.push(command);
+                Ok(match change {
+                    MaskChange::Keep => "the mask is confirmed".into(),
+                    _ => format!("slices have another mask from now on: {change}"),
+                })
             }
             (Command::Set(_), Phase::Running) => {
                 state.waiting.push(command);
@@ -354,15 +385,19 @@ impl SessionController {
         next
     }
 
-    /// Called regularly while the session runs. `world` names the volume's coordinate system.
-    pub fn update(&self, world: &str) {
+    /// Called regularly with the running session's status.
+    pub fn update(&self, status: &SessionStatus) {
         if self.turn.load(Ordering::Relaxed) {
             self.ends();
         }
         let mut state = self.state();
-        if state.world != world {
-            world.clone_into(&mut state.world);
+        if state.world != status.world {
+            state.world.clone_from(&status.world);
         }
+        if state.phase == Phase::Running && state.mask != status.mask {
+            state.mask.clone_from(&status.mask);
+        }
+        state.planar = status.path == Some(InsertionPath::Planar.name());
     }
 
     /// Takes the commands that wait for the running session.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use config::Error as ConfigError;
 use export::ExportError;
 
+use crate::MaskRefusal;
 use crate::session::NoVolume;
 
 /// Reason why a command is refused. Nothing has changed then.
@@ -50,6 +51,9 @@ pub enum ControlError {
         /// Frames in the recording.
         frames: u64,
     },
+    /// The mask cannot be taken.
+    #[error(transparent)]
+    Mask(#[from] MaskRefusal),
     /// The other settings of a replay are invalid.
     #[error(transparent)]
     Settings(#[from] ConfigError),

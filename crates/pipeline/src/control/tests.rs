@@ -3,10 +3,13 @@
 use glam::{DMat3, DVec3};
 
 use export::volume::{DenseBox, Scalar};
+use mask::{Mask, MaskError, MaskFound, MaskShape};
+use sonoweave_core::region::ClipRect;
 use volume::Grid;
 use volume::dense::DenseVolume;
 
 use super::*;
+use crate::MaskOrigin;
 use crate::command::Setting;
 
 fn running(folder: Option<PathBuf>, records: bool) -> SessionController {
@@ -84,6 +87,36 @@ fn setting_reaches_only_running_live_session() {
     assert!(matches!(controller.execute(command).unwrap_err(), ControlError::Over));
 }
 
+#[test]
+fn mask_command_needs_mask_room_and_general_path() {
+    let whole = Mask::full(64, 48);
+    let found = MaskFound::certain(whole, MaskShape::Whole);
+    let status = SessionStatus {
+        mask: Some(MaskStatus::new(found, MaskOrigin::Found, None)),
+        path: Some("general"),
+        ..SessionStatus::default()
+    };
+    let mask = |x, width| Command::Mask(MaskChange::Rectangle(ClipRect { x, y: 0, width, height: 48 }));
+    let refused = |controller: &SessionController, command| match controller.execute(command).unwrap_err() {
+        ControlError::Mask(refusal) => refusal,
+        other => panic!("{other}"),
+    };
+    let controller = running(None, false);
+    assert_eq!(refused(&controller, mask(0, 8)), MaskRefusal::Undecided);
+    controller.update(&status);
+    assert!(matches!(refused(&controller, mask(60, 8)), MaskRefusal::Mask(MaskError::Leaves { .. })));
+    assert!(controller.commands().is_empty(), "nothing has changed");
+    let keep = Command::Mask(MaskChange::Keep);
+    assert!(controller.execute(mask(0, 8)).unwrap().contains("a rectangle of 8×48 pixels at 0,0"));
+    assert!(controller.execute(keep).is_ok());
+    assert_eq!(controller.commands(), [mask(0, 8), keep]);
+    controller.update(&SessionStatus { path: Some("planar"), ..status });
+    assert_eq!(refused(&controller, mask(0, 8)), MaskRefusal::Planar);
+    assert!(controller.execute(keep).is_ok(), "a mask that stays");
+    controller.is_over();
+    assert!(matches!(controller.execute(keep).unwrap_err(), ControlError::Over));
+}
+
 fn snapshot() -> Snapshot {
     let grid =
         Grid { origin: DVec3::new(1.0, 2.0, 3.0), spacing: DVec3::ONE, direction: DMat3::IDENTITY, size: [2, 1, 1] };
@@ -102,7 +135,7 @@ fn snapshot() -> Snapshot {
 fn save_uses_free_names_and_separates_black_from_unseen() {
     let place = tempfile::tempdir().unwrap();
     let controller = running(Some(place.path().join("kept")), false);
-    controller.update("Tracker");
+    controller.update(&SessionStatus { world: "Tracker".into(), ..SessionStatus::default() });
     assert_eq!(controller.request(), VolumeRequest::None);
     for number in 1..=2 {
         assert!(controller.execute(Command::Save).is_ok());
@@ -148,7 +181,9 @@ fn recording_is_replayed_and_viewed_after_end() {
     assert!(!replayed.begins().1, "the first run is as it was recorded");
     controller.runs(false, String::new());
     assert!(matches!(controller.show_frame(1).unwrap_err(), ControlError::ReplayRunning));
-    for command in [Command::Record, Command::Scan, Command::Freeze(true), Command::Clear] {
+    for command in
+        [Command::Record, Command::Scan, Command::Freeze(true), Command::Clear, Command::Mask(MaskChange::Keep)]
+    {
         assert!(matches!(controller.execute(command).unwrap_err(), ControlError::Recorded), "{command:?}");
     }
     assert!(controller.again(trial((-1).into())).unwrap_err().to_string().starts_with("volume.spacing_mm"));

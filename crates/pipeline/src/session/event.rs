@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use mask::MaskChange;
 use sonoweave_core::clock::MS;
 use sonoweave_core::{Reading, Timing};
 use sync::clock::Mapping;
@@ -33,6 +34,8 @@ pub(super) enum SessionEvent {
     Freeze(bool),
     /// The volume is cleared; belongs to no device.
     Clear,
+    /// An operator changes the mask of later slices; belongs to no device.
+    Mask(MaskChange),
     /// A reading.
     Reading(Reading),
 }
@@ -61,6 +64,12 @@ pub(super) struct Freeze {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Clear {}
 
+/// Recorded note: an operator changes the mask from here on.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Masked {
+    pub(super) change: MaskChange,
+}
+
 /// Recorded note: the device's next reading was not paired for want of room. A frame has its
 /// number.
 #[derive(Debug, Serialize, Deserialize)]
@@ -72,6 +81,7 @@ pub(super) struct Unpaired {
 /// Kinds of these notes.
 pub(super) const FREEZE: &str = "freeze";
 pub(super) const CLEAR: &str = "clear";
+pub(super) const MASK: &str = "mask";
 pub(super) const SET_UP: &str = "set_up";
 pub(super) const LATENCY: &str = "latency";
 pub(super) const UNPAIRED: &str = "unpaired";

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 
+use mask::{MaskChange, MaskFound};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
@@ -14,7 +15,7 @@ use super::common::Common;
 use super::shared_volume::{PendingChanges, Shared, SharedVolume};
 use super::turns::Stage;
 use crate::inserter::{OutcomeSink, VolumeInserter};
-use crate::{InsertedSlice, PipelineError};
+use crate::{InsertedSlice, MaskOrigin, MaskRefusal, PipelineError};
 
 /// Longest wait before the thread counts a turn, which shows that it is alive.
 const TURN: Duration = Duration::from_millis(100);
@@ -35,6 +36,8 @@ pub(super) enum InsertMessage {
     Slice(Posed),
     /// The following slices go into an empty volume.
     Clear,
+    /// The following slices have another mask.
+    Mask(MaskChange),
 }
 
 /// Times, host ns.
@@ -107,6 +110,15 @@ impl OutcomeSink for OutcomeReporter<'_> {
         self.leaves(refusal.item);
         self.common.refuse(refusal);
     }
+
+    fn masked(&mut self, found: &MaskFound, origin: MaskOrigin) {
+        tracing::info!(?origin, "mask: {found}");
+        self.common.status.masked(found, origin);
+    }
+
+    fn mask_refused(&mut self, refusal: &MaskRefusal) {
+        self.common.status.note(format!("the mask is not changed: {refusal}"));
+    }
 }
 
 /// The insertion thread.
@@ -152,6 +164,9 @@ impl Inserting<'_> {
                 if self.insertion.every.is_some_and(|every| after / every > before / every) {
                     self.shared.await_picture();
                 }
+            }
+            InsertMessage::Mask(change) => {
+                self.change(|inserter, reporter| inserter.change_mask(&change, reporter))?;
             }
             // Slices that wait for the mask are inserted before.
             InsertMessage::Clear => {

@@ -67,11 +67,11 @@ pub(super) enum SliceSink {
 }
 
 impl SliceSink {
-    /// Clears the volume after the slices that are on their way. The message is never dropped:
-    /// insertion soon makes room, or has ended.
-    fn clear(&self) {
+    /// Passes an order on, after the slices that are on their way. It is never dropped: insertion
+    /// soon makes room, or has ended.
+    fn order(&self, message: InsertMessage) {
         let (Self::OrDrop(sender) | Self::Waits(sender)) = self;
-        drop(sender.send(InsertMessage::Clear));
+        drop(sender.send(message));
     }
 }
 
@@ -148,8 +148,9 @@ impl<'a> Pairing<'a> {
             }
             SessionEvent::Clear => {
                 self.common.observers.iter().for_each(|observer| observer.cleared());
-                return self.sender.clear();
+                return self.sender.order(InsertMessage::Clear);
             }
+            SessionEvent::Mask(change) => return self.sender.order(InsertMessage::Mask(change)),
             SessionEvent::Reading(reading) => reading,
         };
         let captured_ns = match &reading {

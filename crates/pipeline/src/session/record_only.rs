@@ -122,8 +122,8 @@ fn sample(ingest: &mut LiveIngest, event: SessionEvent, source: usize, common: C
             ingest.set_latency(latency_ns);
             return None;
         }
-        // There is no volume that could be frozen or cleared.
-        SessionEvent::Freeze(_) | SessionEvent::Clear => return None,
+        // There is no volume that could be frozen, cleared or masked.
+        SessionEvent::Freeze(_) | SessionEvent::Clear | SessionEvent::Mask(_) => return None,
         SessionEvent::Reading(reading) => reading,
     };
     let is_frame = matches!(reading, Reading::Frame(_));

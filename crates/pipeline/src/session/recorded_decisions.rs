@@ -17,6 +17,10 @@ use super::event::{CLOCK, UNPAIRED};
 /// can reach. Earlier versions did not write it, and chose the general path.
 pub(super) const PATH_BY_REACH: &str = "path_by_reach";
 
+/// Kind of note: the automatic mask knows borders with noise. Earlier versions did not write it,
+/// and knew only borders that are exactly zero.
+pub(super) const MASK_BY_EDGES: &str = "mask_by_edges";
+
 /// A frame's recorded pose and outcome.
 #[derive(Debug, Clone, Default)]
 struct Was {
@@ -92,6 +96,11 @@ impl RecordedDecisions {
     /// devices can reach.
     pub(super) fn is_path_by_reach(&self) -> bool {
         !self.notes(PATH_BY_REACH).is_empty()
+    }
+
+    /// Returns whether the automatic mask knew only borders that are exactly zero.
+    pub(super) fn is_mask_of_zero_borders(&self) -> bool {
+        self.notes(MASK_BY_EDGES).is_empty()
     }
 
     /// Returns the digest of the session's result, if it ended properly.

@@ -13,8 +13,8 @@ use sonoweave_core::{Device, Error, Next, Reading};
 use super::common::Common;
 use super::device::DeviceRole;
 use super::event::{
-    CLEAR, CLEAR_BEFORE, Delivery, FREEZE, FREEZE_BEFORE, Feed, FeedEvent, Freeze, LATENCY, Latency, NO_DEVICE, SET_UP,
-    SessionEvent, SetUp, UNPAIRED, Unpaired,
+    CLEAR, CLEAR_BEFORE, Delivery, FREEZE, FREEZE_BEFORE, Feed, FeedEvent, Freeze, LATENCY, Latency, MASK, Masked,
+    NO_DEVICE, SET_UP, SessionEvent, SetUp, UNPAIRED, Unpaired,
 };
 use super::recorded_decisions::{RecordedDecisions, of_json};
 
@@ -81,6 +81,10 @@ pub(super) fn run(
                     (NO_DEVICE, SessionEvent::Freeze(on))
                 }
                 CLEAR | CLEAR_BEFORE => (NO_DEVICE, SessionEvent::Clear),
+                MASK => {
+                    let Masked { change } = of_json(&path, MASK, &note.text)?;
+                    (NO_DEVICE, SessionEvent::Mask(change))
+                }
                 UNPAIRED => {
                     unpaired = Some(of_json::<Unpaired>(&path, UNPAIRED, &note.text)?);
                     continue;

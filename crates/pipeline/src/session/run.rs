@@ -20,7 +20,7 @@ use super::losses::Losses;
 use super::pairing::{Pairing, SliceSink};
 use super::picture::{self, Drawn, SharedViewClient};
 use super::priority::{Role, SchedulingPolicy};
-use super::recorded_decisions::{PATH_BY_REACH, RecordedDecisions};
+use super::recorded_decisions::{MASK_BY_EDGES, PATH_BY_REACH, RecordedDecisions};
 use super::recorder::{self, Recorder, Recording};
 use super::replay::{self, FromRecording, Recorded};
 use super::sequence::{self, Sequence};
@@ -65,9 +65,12 @@ pub fn run<'a>(
     let SessionInputs { source, resumed, mut policy } = inputs;
     let volume = match (resumed.first(), &source) {
         (Some(first), _) | (None, Source::Recording(first)) => {
-            session.volume(first.roles.iter(), first.decisions.is_path_by_reach())?
+            let decisions = &first.decisions;
+            session.volume(first.roles.iter(), decisions.is_path_by_reach(), decisions.is_mask_of_zero_borders())?
         }
-        (None, Source::Devices { devices, .. }) => session.volume(devices.iter().map(|device| &device.role), true)?,
+        (None, Source::Devices { devices, .. }) => {
+            session.volume(devices.iter().map(|device| &device.role), true, false)?
+        }
         (None, Source::Sequence(sequence)) => session.volume_of_sequence(sequence)?,
     };
     let mut notes = Vec::new();
@@ -158,7 +161,8 @@ impl Wiring<'_> {
         };
         let devices: &[Box<dyn Device>] = if let Opened::Devices(devices) = &opened { devices } else { &[] };
         let is_live = matches!(opened, Opened::Devices(_));
-        let status = StatusCollector::new(&roles, session.stuck_after_ns);
+        let recorded = record.as_ref().filter(|record| !record.full_frame).map(|_| session.mask);
+        let status = StatusCollector::new(&roles, session.stuck_after_ns).recording_of(recorded);
         notes.into_iter().for_each(|note| status.note(note));
         let in_flight = InFlight::new(if is_live { FRAME_BYTES / frame_bytes(devices).max(1) } else { u64::MAX });
         let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
@@ -195,6 +199,7 @@ impl Wiring<'_> {
         if is_live {
             status.granted(policy.granted());
             recorder.note(PATH_BY_REACH, &true, clock.now_ns());
+            recorder.note(MASK_BY_EDGES, &true, clock.now_ns());
         } else {
             status.replayed();
             // The recording has its own events.
@@ -272,6 +277,7 @@ impl Wiring<'_> {
                     match instruction {
                         Instruction::Command(Command::Freeze(on)) => drop(sequencer.freeze(on)),
                         Instruction::Command(Command::Clear) => drop(sequencer.clear()),
+                        Instruction::Command(Command::Mask(change)) => drop(sequencer.mask(change)),
                         Instruction::Command(Command::Stop) => ends.store(true, Ordering::Relaxed),
                         Instruction::Command(Command::Set(setting)) => match setting {
                             Setting::Latency { device, ns } => drop(sequencer.latency(device, ns)),

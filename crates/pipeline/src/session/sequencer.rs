@@ -6,13 +6,14 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError};
 
+use mask::MaskChange;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::{Description, Reading};
 
 use super::common::Common;
 use super::event::{
-    CLEAR, Clear, Delivery, FREEZE, Feed, FeedEvent, Freeze, LATENCY, Latency, NO_DEVICE, SET_UP, SessionEvent, SetUp,
-    UNPAIRED, Unpaired,
+    CLEAR, Clear, Delivery, FREEZE, Feed, FeedEvent, Freeze, LATENCY, Latency, MASK, Masked, NO_DEVICE, SET_UP,
+    SessionEvent, SetUp, UNPAIRED, Unpaired,
 };
 
 /// Pause between two attempts to pass on an event that must not be dropped.
@@ -80,6 +81,14 @@ impl<'a> EventSequencer<'a> {
         self.send_undroppable(NO_DEVICE, |at_ns| {
             self.common.recorder.comes_in(CLEAR, &Clear {}, at_ns);
             SessionEvent::Clear
+        })
+    }
+
+    /// Changes the mask of later slices. Returns false if pairing has ended.
+    pub(super) fn mask(&self, change: MaskChange) -> bool {
+        self.send_undroppable(NO_DEVICE, |at_ns| {
+            self.common.recorder.comes_in(MASK, &Masked { change }, at_ns);
+            SessionEvent::Mask(change)
         })
     }
 

@@ -138,17 +138,20 @@ impl Session {
     }
 
     /// Returns an empty volume for slices of these devices. An automatic choice of the insertion
-    /// path depends on the poses that an arm can reach, if `by_reach`.
+    /// path depends on the poses that an arm can reach, if `by_reach`; `zero_borders` limits the
+    /// automatic mask to borders that are exactly zero.
     pub(super) fn volume<'d>(
         &self,
         devices: impl Iterator<Item = &'d DeviceRole> + Clone,
         by_reach: bool,
+        zero_borders: bool,
     ) -> Result<Shared, PipelineError> {
         let chosen = match self.path {
             PathChoice::Auto => None,
             requested => Some(Chosen::by_poses(requested, &self.settings, &self.planar, &[])?),
         };
         let plan = Plan {
+            zero_borders,
             choice: self.path,
             settings: self.settings.clone(),
             planar: self.planar,
@@ -171,7 +174,8 @@ impl Session {
         };
         let chosen = Some(Chosen::by_poses(self.path, &settings, &self.planar, used)?);
         let (choice, planar, off_plane) = (self.path, self.planar, *off_plane);
-        let plan = Plan { choice, settings, planar, chosen, reach: Vec::new(), off_plane, poses: used.clone() };
+        let (reach, poses) = (Vec::new(), used.clone());
+        let plan = Plan { zero_borders: false, choice, settings, planar, chosen, reach, off_plane, poses };
         Ok(Shared::new(VolumeInserter::new(plan, self.mask)))
     }
 

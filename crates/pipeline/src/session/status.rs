@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use mask::{MaskFound, MaskSettings};
 use sonoweave_core::Health;
 use sonoweave_core::health::State;
 use sonoweave_core::ledger::{Ledger, Queue, Readings};
@@ -24,6 +25,7 @@ use super::shared_volume::VolumeExtent;
 use super::timing::Spread;
 use super::turns::{StageTurns, Turns};
 use super::zones::InZones;
+use crate::{MaskOrigin, MaskStatus};
 
 /// State of a device that is replaced by a recording.
 pub const REPLAYED: &str = "replayed";
@@ -76,6 +78,8 @@ pub struct SessionStatus {
     pub path: Option<&'static str>,
     /// Reason for the path, as the end of a sentence.
     pub path_reason: String,
+    /// The mask of slices; `None` until it is known.
+    pub mask: Option<MaskStatus>,
     /// Time at which the first slice was in the volume, host ns.
     #[serde(skip)]
     pub first_slice_ns: Option<i64>,
@@ -159,6 +163,8 @@ pub(super) struct StatusCollector {
     /// frames.
     rows: Vec<Option<usize>>,
     stuck_after_ns: AtomicI64,
+    /// Settings of the part of frames that is recorded; `None` for all of it.
+    recorded: Option<MaskSettings>,
 }
 
 impl StatusCollector {
@@ -191,7 +197,13 @@ impl StatusCollector {
             turns: StageTurns::new(devices.iter().map(|device| device.name.as_str())),
             rows,
             stuck_after_ns: AtomicI64::new(stuck_after_ns),
+            recorded: None,
         }
+    }
+
+    /// Sets the part of frames that is recorded; `None` for all of it.
+    pub(super) fn recording_of(self, recorded: Option<MaskSettings>) -> Self {
+        Self { recorded, ..self }
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, SessionStatus> {
@@ -253,6 +265,11 @@ impl StatusCollector {
     /// Sets whether frames are ignored at present.
     pub(super) fn freeze(&self, on: bool) {
         self.lock().frozen = on;
+    }
+
+    /// Sets the mask of slices.
+    pub(super) fn masked(&self, found: &MaskFound, origin: MaskOrigin) {
+        self.lock().mask = Some(MaskStatus::new(found.clone(), origin, self.recorded));
     }
 
     /// Sets the sensor's position relative to the zones.

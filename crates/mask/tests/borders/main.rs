@@ -1,0 +1,107 @@
+//! The automatic mask on frames of grabbers: borders with a level and noise, letters, rulers and
+//! traces beside the picture.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test that fails panics, and prints the scenes that it failed at"
+)]
+
+mod cases;
+mod painter;
+mod strange;
+mod truth;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use mask::{AutoMask, MaskFound};
+use sonoweave_core::slice::Image;
+
+use crate::cases::{Kind, scene};
+use crate::painter::Scene;
+use crate::truth::error_px;
+
+/// Largest error of a picture that is found, pixels.
+const MOST_PX: f64 = 2.0;
+
+fn find(frames: &[Image]) -> MaskFound {
+    let mut auto = AutoMask::new(frames[0].width(), frames[0].height());
+    frames.iter().find_map(|frame| auto.push(frame)).unwrap_or_else(|| auto.finish())
+}
+
+/// Runs numbered scenes of a kind; returns the largest error, the errors' mean, and the numbers
+/// of scenes in which the picture was not recognised.
+fn run(kind: Kind, count: u64) -> (f64, f64, Vec<u64>) {
+    let (next, outcomes) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= count {
+                        return;
+                    }
+                    let scene = scene(kind, number);
+                    let found = find(&scene.frames(8));
+                    outcomes.lock().unwrap().push((number, judge(&scene, &found)));
+                }
+            });
+        }
+    });
+    let outcomes = outcomes.into_inner().unwrap();
+    let errors: Vec<f64> = outcomes.iter().filter_map(|(_, error)| *error).collect();
+    let mut unsure: Vec<u64> =
+        outcomes.iter().filter(|(_, error)| error.is_none()).map(|(number, _)| *number).collect();
+    unsure.sort_unstable();
+    let worst = errors.iter().copied().fold(0.0, f64::max);
+    (worst, errors.iter().sum::<f64>() / errors.len().max(1) as f64, unsure)
+}
+
+/// Returns the error of a recognised picture; `None` if the whole frame counts.
+fn judge(scene: &Scene, found: &MaskFound) -> Option<f64> {
+    if !found.recognised {
+        println!("unsure: {scene:?}\n  {found}");
+        assert!(!found.reasons.is_empty());
+        return None;
+    }
+    let error = error_px(scene, found.shape).unwrap_or(f64::INFINITY);
+    if error > MOST_PX {
+        println!("WRONG {error}: {scene:?}\n  {found}");
+    }
+    Some(error)
+}
+
+/// Checks that every picture that is recognised is within [`MOST_PX`], and that at most
+/// `most_unsure` of `count` are not.
+fn check(kind: Kind, count: u64, most_unsure: u64) {
+    let (worst, mean, unsure) = run(kind, count);
+    println!("{kind:?}: worst {worst:.2} px, mean {mean:.2} px, unsure {unsure:?} of {count}");
+    assert!(worst <= MOST_PX, "{worst} px");
+    assert!(unsure.len() as u64 <= most_unsure, "{unsure:?}");
+}
+
+#[test]
+fn rectangles_within_two_pixels_or_unsure() {
+    check(Kind::Rectangle, 70, 2);
+}
+
+#[test]
+fn convex_fans_within_two_pixels_or_unsure() {
+    check(Kind::Convex, 70, 2);
+}
+
+#[test]
+fn phased_fans_within_two_pixels_or_unsure() {
+    check(Kind::Phased, 60, 2);
+}
+
+#[test]
+fn blur_of_letters_does_not_move_level_of_even_border() {
+    // The letters' blurred rims have levels a little above the border's.
+    let scene = scene(Kind::Convex, 87);
+    let found = find(&scene.frames(8));
+    assert!(error_px(&scene, found.shape).is_some_and(|error| error <= MOST_PX), "{found}");
+    assert!(found.border.is_some_and(|border| (border.level - 12.0).abs() < 0.1), "{found}");
+}

@@ -1,0 +1,90 @@
+// The mask on the page: its shapes and handles, tested without a browser, and its card and outline
+// on the live picture: confirmed, dragged, and taken back.
+
+import assert from "node:assert/strict";
+import { cpSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { pathToFileURL } from "node:url";
+
+import { audit, banner, open, says, shot, steers } from "./page.js";
+import { OUT, PAGE } from "./place.js";
+import { Session } from "./session.js";
+
+cpSync(PAGE, join(OUT, "page"), { recursive: true });
+const { first, handles, kind, moved, outline } = await import(pathToFileURL(join(OUT, "page", "mask_shape.js")).href);
+
+const button = (page, name) => page.getByRole("button", { name, exact: true });
+const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout: 60_000 });
+const SIZE = [640, 480];
+const RECTANGLE = { rectangle: { x: 100, y: 50, width: 400, height: 300 } };
+const FAN = { fan: { origin_px: [320, -40], radii_px: [100, 400], angles_deg: [-30, 30] } };
+
+test("a handle moves its own edge, and no edge passes another or leaves the frame", () => {
+  assert.deepEqual(moved(RECTANGLE, "left", [-20.4, 99], SIZE).rectangle, { x: 80, y: 50, width: 420, height: 300 });
+  assert.deepEqual(moved(RECTANGLE, "left", [900, 0], SIZE).rectangle, { x: 492, y: 50, width: 8, height: 300 });
+  assert.deepEqual(moved(RECTANGLE, "right", [900, 0], SIZE).rectangle, { x: 100, y: 50, width: 540, height: 300 });
+  assert.deepEqual(moved(RECTANGLE, "top", [0, -900], SIZE).rectangle, { x: 100, y: 0, width: 400, height: 350 });
+  assert.deepEqual(moved(RECTANGLE, "bottom", [0, 10], SIZE).rectangle, { x: 100, y: 50, width: 400, height: 310 });
+  assert.deepEqual(moved(FAN, "apex", [3, -4], SIZE).fan.origin_px, [323, -44]);
+  assert.deepEqual(moved(FAN, "inner", [50, 12.5], SIZE).fan.radii_px, [112.5, 400], "only along the beam");
+  assert.deepEqual(moved(FAN, "inner", [0, 900], SIZE).fan.radii_px, [392, 400]);
+  assert.deepEqual(moved(FAN, "outer", [0, -900], SIZE).fan.radii_px, [100, 108]);
+  assert.ok(moved(FAN, "first", [-20, 0], SIZE).fan.angles_deg[0] < -30);
+  assert.equal(moved(FAN, "last", [-400, 0], SIZE).fan.angles_deg[1], -28, "two degrees beside the other edge");
+  assert.deepEqual(FAN.fan.radii_px, [100, 400], "the shape before stays");
+});
+
+test("outlines and handles lie on the edges", () => {
+  assert.deepEqual(outline(RECTANGLE)[0], [99.5, 49.5]);
+  const far = outline(FAN).map(([u, v]) => Math.hypot(u - 320, v + 40));
+  assert.ok(far.every((away) => Math.abs(away - 100) < 1e-9 || Math.abs(away - 400) < 1e-9));
+  assert.deepEqual([outline("whole"), handles("outline"), kind("whole")], [[], [], null]);
+  assert.deepEqual([RECTANGLE, FAN].map((shape) => handles(shape).length), [4, 5]);
+  assert.deepEqual(first("rectangle", SIZE).rectangle, { x: 0, y: 0, width: 640, height: 480 });
+  assert.equal(kind(first("fan", SIZE)), "fan");
+});
+
+test("the mask is shown on the picture, dragged, used, and taken back", async () => {
+  const session = await Session.small();
+  const { page, complaints } = await open(session.address);
+  await steers(page, true);
+  await until(page, () => window.sonoweave.account?.mask && window.sonoweave.account.desk.phase === "running");
+  await page.locator("#mask-vital").click();
+  await button(page, "Adjust").click();
+  await page.locator("#mask-kind").selectOption("rectangle");
+  const size = (await page.evaluate(() => window.sonoweave.mask.mask)).size_px;
+  const right = page.getByRole("slider", { name: "Right side" });
+  const before = Number(await right.getAttribute("aria-valuenow"));
+  await right.focus();
+  await page.keyboard.press("Shift+ArrowLeft");
+  await page.keyboard.press("ArrowLeft");
+  assert.equal(Number(await right.getAttribute("aria-valuenow")), before - 11);
+  const { x, y, width } = await right.boundingBox();
+  await page.mouse.move(x + width / 2, y + width / 2);
+  await page.mouse.down();
+  await page.mouse.move(x - 60, y + width / 2, { steps: 4 });
+  await page.mouse.up();
+  const { rectangle } = await page.evaluate(() => window.sonoweave.mask.draft);
+  assert.ok(rectangle.x + rectangle.width < before - 11, JSON.stringify(rectangle));
+  await shot(page, "mask");
+  assert.deepEqual(await audit(page), []);
+  await button(page, "Use this").click();
+  await until(page, ([wanted]) => {
+    const { mask } = window.sonoweave.account;
+    return mask.origin === "operator" && JSON.stringify(mask.shape.rectangle) === wanted;
+  }, JSON.stringify(rectangle));
+  await says(page, "slices have another mask from now on");
+  const keys = `clip_px = [${rectangle.x}, ${rectangle.y}, ${rectangle.width}, ${rectangle.height}]`;
+  assert.equal(await page.locator("#mask-config").innerText(), keys);
+  await button(page, "Whole frame").click();
+  await until(page, () => window.sonoweave.account.mask.shape === "whole");
+  assert.deepEqual(size, (await page.evaluate(() => window.sonoweave.mask.mask)).size_px);
+  assert.deepEqual(complaints, []);
+  // A page without control shows the mask, and cannot change it.
+  const other = await open(session.address);
+  await other.page.locator("#mask-vital").click();
+  assert.ok(await button(other.page, "Whole frame").isDisabled());
+  assert.match(await banner(page), /\S/);
+  await session.end();
+});
