@@ -6,8 +6,8 @@
 //! second of the thread's own time, which other processes hardly affect. It also prints the
 //! compression ratio, and the share of a core used at 60 frames per second.
 //!
-//! Then it writes in real time, with and without syncs, and prints the time that the writer takes
-//! for a frame, which is as long as a frame may wait before the writer.
+//! Then it writes in real time, with and without syncs. It prints the time that the writer takes
+//! for a frame; the next message waits so long in the recorder's queue.
 //!
 //! Test images: painted speckle in a fan; noise alone, which is incompressible; and recordings
 //! if present (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file remains as

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Fetches the parts of the guest into out/guest: Debian's kernel with its modules, busybox, and QEMU
-# and mkfs.ext4 if the machine has none. Nothing is installed and nothing needs root: packages are downloaded,
-# checked by apt against its signed lists, and unpacked. Complete packages are not fetched again;
-# `rm -r out/guest` renews them.
+# and mkfs.ext4 if the machine has none. Nothing is installed and nothing needs root: packages are
+# downloaded, checked by apt against its signed lists, and unpacked. Complete packages are not
+# fetched again; `rm -r out/guest` renews them.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

@@ -12,8 +12,8 @@
 # QEMU (its name and properties) that is plugged in. The program unplugs it by a line
 # GUEST-UNPLUG:ID, and plugs it in again by GUEST-PLUG:ID.
 #
-# By a line GUEST-CUT:MS the program asks for a power cut after so many milliseconds: QEMU is killed.
-# The exit code is then 0.
+# By a line GUEST-CUT:MS the program asks for a power cut after so many milliseconds: QEMU is
+# killed. The exit code is then 0.
 set -euo pipefail
 machine=()
 declare -A plugged

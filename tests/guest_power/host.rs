@@ -88,9 +88,9 @@ impl<'a> Disk<'a> {
     }
 }
 
-/// What the guest has said before a cut: times of its frames, and versions of its files.
+/// The guest's lines before a cut: times of its frames, and versions of its files.
 #[derive(Default)]
-struct Said {
+struct GuestLog {
     frames: Vec<i64>,
     /// The last versions that were saved and whose saving began, by kind.
     saved: HashMap<String, u64>,
@@ -101,53 +101,53 @@ struct Said {
     temporary: u64,
 }
 
-impl Said {
+impl GuestLog {
     fn of(lines: &[String]) -> Self {
-        let mut said = Self::default();
+        let mut log = Self::default();
         for line in lines {
             let words: Vec<&str> = line.split(' ').collect();
             let last = words.last().and_then(|word| word.parse::<i64>().ok());
             let (Some(last), kind) = (last, words.get(1).copied().unwrap_or_default().to_owned()) else { continue };
             match (words[0], words.len()) {
                 // The cut may break the last line off.
-                ("frame", 3) if said.frames.last().is_none_or(|before| *before < last) => said.frames.push(last),
-                ("saved", 3) => drop(said.saved.insert(kind, last as u64)),
-                ("saving", 3) => drop(said.saving.insert(kind, last as u64)),
-                ("version", 3) => drop(said.versions.insert(kind, last as u64)),
-                ("left", 2) => said.left = last as u64,
-                ("temporary", 2) => said.temporary = last as u64,
+                ("frame", 3) if log.frames.last().is_none_or(|before| *before < last) => log.frames.push(last),
+                ("saved", 3) => drop(log.saved.insert(kind, last as u64)),
+                ("saving", 3) => drop(log.saving.insert(kind, last as u64)),
+                ("version", 3) => drop(log.versions.insert(kind, last as u64)),
+                ("left", 2) => log.left = last as u64,
+                ("temporary", 2) => log.temporary = last as u64,
                 _ => {}
             }
         }
-        said
+        log
     }
 }
 
-/// A power cut: when it came, what the guest had said, and what became of the disk's cache.
+/// A power cut: when it came, the guest's lines, and what became of the disk's cache.
 struct Cut {
     number: u64,
     after_ms: u64,
-    said: Said,
+    log: GuestLog,
     requests: Requests,
 }
 
 impl Cut {
     /// Returns the time of the frame that was handed over last, ns.
     fn last_ns(&self) -> i64 {
-        self.said.frames[self.said.frames.len() - 1]
+        self.log.frames[self.log.frames.len() - 1]
     }
 
     /// Returns for how long the guest had no processor shortly before, ns: a busy host may take it
     /// away, and the guest can sync nothing then.
     fn stood_still_ns(&self) -> i64 {
-        let recent = self.said.frames.windows(2).filter(|two| two[1] > self.last_ns() - 2 * SECOND);
+        let recent = self.log.frames.windows(2).filter(|two| two[1] > self.last_ns() - 2 * SECOND);
         recent.map(|two| two[1] - two[0]).max().filter(|longest| *longest > USUAL_NS).unwrap_or(0)
     }
 
     /// Returns the number of frames that must be on the disk.
     fn old(&self) -> usize {
         let until_ns = self.last_ns() - SECOND - self.stood_still_ns();
-        self.said.frames.iter().filter(|at_ns| **at_ns < until_ns).count()
+        self.log.frames.iter().filter(|at_ns| **at_ns < until_ns).count()
     }
 
     /// Returns the words by which the next boot checks the disk. `versions` are those of the files
@@ -155,8 +155,8 @@ impl Cut {
     fn check(&self, versions: &HashMap<String, u64>) -> String {
         let mut words = format!(" of={} old={}", self.number, self.old());
         for (kind, before) in versions {
-            let saved = self.said.saved.get(kind).unwrap_or(before);
-            let saving = self.said.saving.get(kind).unwrap_or(saved);
+            let saved = self.log.saved.get(kind).unwrap_or(before);
+            let saving = self.log.saving.get(kind).unwrap_or(saved);
             words += &format!(" {kind}={saved},{saving}");
             // A pair has no header while it is replaced.
             if *kind == format!("{:?}", Kind::Pair) && saving > saved {
@@ -167,8 +167,8 @@ impl Cut {
     }
 
     /// Prints what the next boot found.
-    fn report(&self, found: &Said) {
-        let (frames, left) = (&self.said.frames, found.left as usize);
+    fn report(&self, found: &GuestLog) {
+        let (frames, left) = (&self.log.frames, found.left as usize);
         let newest_ns = frames.get(left.saturating_sub(1)).copied().unwrap_or_else(|| self.last_ns());
         println!(
             "cut after {} ms: {} frames handed over, {left} on the disk, the last {:.2} s missing; {:?}; \
@@ -196,21 +196,21 @@ fn power_cut_takes_at_most_last_second(scripts: &Path) {
         // The guest writes to a copy. The disk is then made of what it has kept.
         std::fs::copy(disk.path("disk"), disk.path("copy")).unwrap();
         let lines = disk.boot(&disk.logged(), &format!("round{check}{record}"));
-        let said = Said::of(&lines);
+        let log = GuestLog::of(&lines);
         if let Some(before) = &before {
-            before.report(&said);
+            before.report(&log);
         }
         if number == CUTS {
             break;
         }
-        assert!(!said.frames.is_empty(), "nothing was recorded\n{}", lines.join("\n"));
-        versions.extend(said.versions.clone());
-        from = said.saving.values().max().map_or(from, |saving| saving + 1);
+        assert!(!log.frames.is_empty(), "nothing was recorded\n{}", lines.join("\n"));
+        versions.extend(log.versions.clone());
+        from = log.saving.values().max().map_or(from, |saving| saving + 1);
         // With a generator of its own: the number of requests is another one each time.
         let mut lost = fastrand::Rng::with_seed(SEED + number);
         let requests = loss::apply(&disk.path("log"), &disk.path("disk"), &mut lost);
         assert!(requests.flushes > 0, "{requests:?}");
-        let cut = Cut { number, after_ms, said, requests };
+        let cut = Cut { number, after_ms, log, requests };
         long += u64::from(cut.old() > 0);
         before = Some(cut);
     }

@@ -1,8 +1,8 @@
 //! A disk's own cache, which a power cut empties.
 //!
 //! QEMU logs every request to the disk (its driver `blklogwrites`, in the format of the kernel's
-//! dm-log-writes). A request survives if a flush of the guest follows it. Of the later ones any
-//! blocks may survive, as a disk writes them in any order.
+//! dm-log-writes). A request survives if a flush of the guest follows it. Any blocks of the
+//! later ones may survive, as a disk writes them in any order.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read};

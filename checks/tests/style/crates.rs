@@ -11,7 +11,7 @@ const BESIDE: [(&str, &[&str]); 2] = [
 
 /// Dependencies of the two themselves.
 const THEIR_OWN: [(&str, &[&str]); 2] =
-    [("drivers", &["sonoweave_core", "formats"]), ("calibration", &["sonoweave_core"])];
+    [("drivers", &["sonoweave_core", "formats"]), ("calibration", &["sonoweave_core", "formats"])];
 
 /// A line `name = …` or `name.key = …` of a manifest.
 struct Entry<'a> {

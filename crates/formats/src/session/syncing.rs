@@ -138,7 +138,7 @@ impl Syncer {
         let Progress { synced, unsure, .. } = *self.progress();
         let mut done = data.sync();
         if done.is_ok() && unsure > synced {
-            // The disk works again. What it missed is written once more, as the system forgot it.
+            // The disk works again. The system has forgotten the data that it missed.
             done = data.rewrite(synced..unsure).and_then(|()| data.sync());
         }
         let progress = &mut *self.progress();

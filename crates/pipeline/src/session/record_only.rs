@@ -75,7 +75,9 @@ pub fn record_only(
     let mut losses = Losses::default();
     let (status, sequencer) = (&status, &sequencer);
     let recording = std::thread::scope(|scope| {
-        let writer = writing.map(|writing| recorder::start(scope, policy, writing, clock, status));
+        let writer = writing.map(|writing| {
+            recorder::start(scope, policy, writing, clock, move |recording| status.recording(recording))
+        });
         let captures = capturing(scope, devices, &names, policy, common, ends, sequencer);
         let mut turned = Instant::now();
         loop {

@@ -29,7 +29,6 @@ use sonoweave_core::{Description, Reading};
 use sync::ingest::stored_rect;
 
 use super::priority::{Role, SchedulingPolicy};
-use super::status::StatusCollector;
 use super::threads::spawn;
 use super::unsynced::Unsynced;
 use crate::trace::STAGE;
@@ -241,19 +240,18 @@ pub(super) fn open<'a>(
     Ok((of_stages, (queue, File { writer, sources, kept, keep_free: Arc::clone(keep_free) })))
 }
 
-/// Starts the threads that write and sync a session's file. The first returns the outcome.
+/// Starts the threads that write and sync a session's file. The first reports once per second, and
+/// returns the outcome.
 pub(super) fn start<'scope, 'env: 'scope>(
     scope: &'scope Scope<'scope, 'env>,
     policy: &SchedulingPolicy,
     (queue, file): (Queue, File),
     clock: &'env dyn Clock,
-    status: &'scope StatusCollector,
+    report: impl FnMut(&Recording) + Send + 'scope,
 ) -> ScopedJoinHandle<'scope, Recording> {
     let syncer = file.writer.syncer();
     spawn(scope, "recorder-sync", (policy, Role::Usual), move || syncer.run());
-    spawn(scope, "recorder", (policy, Role::Usual), move || {
-        run(&queue, file, clock, |recording| status.recording(recording))
-    })
+    spawn(scope, "recorder", (policy, Role::Usual), move || run(&queue, file, clock, report))
 }
 
 /// Messages that wait to be written.

@@ -214,7 +214,9 @@ impl Wiring<'_> {
         let (running, ended) = bounded::<()>(0);
         std::thread::scope(|scope| {
             let usual = (&*policy, Role::Usual);
-            let writer = writing.map(|writing| recorder::start(scope, policy, writing, clock, status));
+            let writer = writing.map(|writing| {
+                recorder::start(scope, policy, writing, clock, move |recording| status.recording(recording))
+            });
             let picture = view.map(|view| {
                 spawn(scope, "picture", usual, move || {
                     picture::run(volume, view, every.is_some(), clock, |drawn| status.drawn(drawn))
