@@ -159,6 +159,7 @@ impl LiveApp<'_> {
         self.controller.update(&status.world);
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
+            self.publisher.publish_igtl(igtl.numbers());
             igtl.send_status(|| line(status));
         }
         if let Some(terminal) = &self.terminal {
@@ -174,6 +175,7 @@ impl LiveApp<'_> {
         if self.reload.is_requested() {
             self.publisher.reloading();
             instructions.extend(self.reload.instructions(self.terminal.as_ref(), self.viewers.as_ref()));
+            self.igtl.iter().for_each(|igtl| igtl.allow(&self.reload.bedside().igtl.allow));
             self.publisher.reloaded(self.reload.bedside());
         }
         instructions

@@ -81,7 +81,7 @@ pub(in crate::cli) fn session(
         policy.granted().why.iter().for_each(|why| say(why));
         publisher.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
-    let igtl = arguments.sharing.begin(&quit, arguments.quiet)?;
+    let igtl = arguments.sharing.begin(&bedside.igtl.allow, &quit, arguments.quiet)?;
     igtl.iter().for_each(|igtl| igtl.control(&controller));
     let terminal = if arguments.quiet || arguments.headless { None } else { Terminal::of(&bedside.picture) };
     let broadcaster = publisher.broadcaster();

@@ -75,7 +75,7 @@ pub(super) fn run(request: &ReplayRequest<'_>, address: SocketAddr, keep: Option
     let listen = Listen { address, access: bedside.status.access.clone() };
     let publisher = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &controller)?;
     publisher.address().iter().for_each(|address| say(&format!("console: {address}")));
-    let igtl = request.sharing.begin(&quit, false)?;
+    let igtl = request.sharing.begin(&[], &quit, false)?;
     let viewers =
         Viewers::of(&bedside.picture, None, request.outputs.picture.is_some(), publisher.broadcaster().as_ref());
     Showing { request, quit, controller, publisher, viewers, igtl, reel, printed: Instant::now() }.run()
@@ -194,6 +194,7 @@ impl Showing<'_> {
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
             igtl.send_status(|| line(status));
+            self.publisher.publish_igtl(igtl.numbers());
         }
         if quits { vec![Command::Stop.into()] } else { Vec::new() }
     }
