@@ -5,6 +5,7 @@ mod app;
 mod arguments;
 mod check;
 mod device;
+mod foreign;
 pub(in crate::cli) mod home;
 mod keys;
 pub(in crate::cli) mod outputs;
@@ -126,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         drop(out);
         return session::session(&bedside, &arguments.session_arguments, &arguments.outputs).map(drop);
     }
-    let report = check::check(&bedside)?;
+    let report = check::check(&bedside, arguments.session_arguments.accept_example)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
     out.write_all(said.as_bytes())?;
     out.flush()?;

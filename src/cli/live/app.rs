@@ -18,6 +18,7 @@ use pipeline::session::{
 use sonoweave_core::clock::{Clock, Monotonic};
 
 use super::arguments::SessionArguments;
+use super::foreign::{refuse_example, refuse_size};
 use super::home::Home;
 use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
@@ -122,9 +123,7 @@ impl LiveApp<'_> {
         let [tracking_is, grabber_is] = roles(bedside)?;
         let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
         let Devices { tracking, protocol, at_home, grabber, twins } = opened;
-        if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
-            preset.fits(Some(bedside.grabber.turned(size)), None)?;
-        }
+        refuse_size(bedside, grabber.describe().image_size, self.arguments.accept_example)?;
         let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
         if let Some(at_home) = at_home {
             self.home.listen(at_home, quiet)?;
@@ -159,8 +158,8 @@ impl LiveApp<'_> {
         self.controller.update(&status.world);
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
-            self.publisher.publish_igtl(igtl.numbers());
             igtl.send_status(|| line(status));
+            self.publisher.publish_igtl(igtl.numbers());
         }
         if let Some(terminal) = &self.terminal {
             terminal.say(&line(status));
@@ -175,8 +174,8 @@ impl LiveApp<'_> {
         if self.reload.is_requested() {
             self.publisher.reloading();
             instructions.extend(self.reload.instructions(self.terminal.as_ref(), self.viewers.as_ref()));
-            self.igtl.iter().for_each(|igtl| igtl.allow(&self.reload.bedside().igtl.allow));
             self.publisher.reloaded(self.reload.bedside());
+            self.igtl.iter().for_each(|igtl| igtl.allow(&self.reload.bedside().igtl.allow));
         }
         instructions
     }
@@ -201,7 +200,8 @@ impl LiveApp<'_> {
             self.reload.begins_anew();
             let bedside = self.reload.bedside().clone();
             let folder = if next.records { Some(controller.folder()?.to_owned()) } else { None };
-            match self.open(&bedside, folder.as_deref(), Vec::new(), None) {
+            let is_own = refuse_example(&bedside, self.arguments.accept_example);
+            match is_own.and_then(|()| self.open(&bedside, folder.as_deref(), Vec::new(), None)) {
                 Ok(made) => return Ok(Some(made)),
                 Err(Failure(why)) => {
                     self.print(&why);

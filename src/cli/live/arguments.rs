@@ -31,6 +31,10 @@ pub(in crate::cli) struct SessionArguments {
     /// the recording's folder, or none]
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) keep: Option<PathBuf>,
+    /// For trials: accept a calibration file that is an example, or whose rectangle reaches beyond
+    /// the grabber's image. The slices' positions are then wrong
+    #[arg(long, requires = "config")]
+    pub(in crate::cli) accept_example: bool,
     /// Print no progress
     #[arg(long)]
     pub(in crate::cli) quiet: bool,

@@ -11,6 +11,7 @@ use pipeline::control::SessionController;
 
 use super::app::LiveApp;
 pub(in crate::cli) use super::arguments::SessionArguments;
+use super::foreign::refuse_example;
 use super::home::Home;
 use super::outputs::{Outputs, say};
 use super::reload::Reload;
@@ -69,6 +70,7 @@ pub(in crate::cli) fn session(
     arguments.check()?;
     outputs.check(bedside)?;
     bedside.calibrated().map_err(Failure::configuration)?;
+    refuse_example(bedside, arguments.accept_example)?;
     let quit = quit_on_signal()?;
     let reload = Reload::new(bedside)?;
     let policy = policy(bedside)?;

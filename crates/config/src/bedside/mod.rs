@@ -116,6 +116,18 @@ impl Bedside {
         Ok(())
     }
 
+    /// Checks that the calibration file is no example. Calibration commands run with one.
+    ///
+    /// # Errors
+    /// [`Error::Example`] when its provenance contains that word.
+    pub fn no_example(&self) -> Result<(), Error> {
+        let Settings { path: Some(path), provenance, .. } = &self.calibration else { return Ok(()) };
+        if self.calibration.is_example() {
+            return Err(Error::Example { path: path.clone(), provenance: provenance.clone() });
+        }
+        Ok(())
+    }
+
     /// Returns the frames' names and the constant transforms, for the way from the image to the
     /// world.
     pub fn pairing_options(&self) -> PairingOptions {
