@@ -60,7 +60,7 @@ bench: setup
 	cargo bench --locked -p sonoweave-drivers --bench images
 
 # Searches for bytes that break a decoder of the devices' wire formats or a reader of files and
-# configurations, FUZZ_SECONDS for each. It says so where it cannot.
+# configurations, FUZZ_SECONDS for each. It fails where it cannot, unless FUZZ_OPTIONAL=1.
 FUZZ_SECONDS ?= 60
 fuzz: setup
 	FUZZ_SECONDS=$(FUZZ_SECONDS) scripts/fuzz.sh

@@ -58,6 +58,10 @@ say "== installed with what it says it needs, and nothing else"
 quietly in_machine apt-get install -y --no-install-recommends /sonoweave.deb
 in_machine sonoweave --version
 in_machine id sonoweave
+# No example of a calibration is installed as one, and the configuration asks for the bedside's own.
+[ "$(ls "$root/etc/sonoweave")" = bedside.toml ] || fail "/etc/sonoweave holds more than the configuration"
+! in_machine sonoweave live --config /etc/sonoweave/bedside.toml --duration 1 2>"$place/log" || fail "a session began without a calibration"
+grep -F "sonoweave calibrate probe --live" "$place/log" || fail "nobody said that the calibration is missing: $(cat "$place/log")"
 quietly in_machine apt-get purge -y sonoweave
 
 say "== installed beside udev, man, systemd and shells"
@@ -100,7 +104,7 @@ listing | grep -E 'sonoweave' >"$place/installed"
 sessions=$(ls "$root/var/lib/sonoweave/sessions")
 quietly in_machine apt-get remove -y sonoweave
 left() { listing | grep -F sonoweave; }
-settings=$(printf '%s\n' etc/sonoweave etc/sonoweave/bedside.toml etc/sonoweave/probe.toml)
+settings=$(printf '%s\n' etc/sonoweave etc/sonoweave/bedside.toml)
 recorded=$({
     printf '%s\n' var/lib/sonoweave var/lib/sonoweave/sessions
     printf 'var/lib/sonoweave/sessions/%s\n' $sessions

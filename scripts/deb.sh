@@ -49,9 +49,15 @@ put packaging/sonoweave.sysusers usr/lib/sysusers.d/sonoweave.conf
 "$built" devices --udev >"$place/rules"
 put "$place/rules" usr/lib/udev/rules.d/70-sonoweave.rules
 
-sed 's|fastrak-grabber\.toml|/etc/sonoweave/bedside.toml|' docs/examples/fastrak-grabber.toml >"$place/bedside.toml"
+# A calibration is the bedside's own: the configuration names none, and no example is installed as
+# one.
+sed -e 's|fastrak-grabber\.toml|/etc/sonoweave/bedside.toml|' -e 's|^file = "probe\.toml" *#|#file = "probe.toml"              #|' \
+    docs/examples/fastrak-grabber.toml >"$place/bedside.toml"
+! grep -q '^file = ' "$place/bedside.toml" || {
+    echo "deb: the configuration names a calibration, which would be the example's" >&2
+    exit 1
+}
 put "$place/bedside.toml" etc/sonoweave/bedside.toml
-put docs/examples/probe.toml etc/sonoweave/probe.toml
 
 documents=usr/share/doc/sonoweave
 for example in docs/examples/*.toml; do put "$example" "$documents/examples/${example##*/}"; done

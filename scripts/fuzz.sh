@@ -9,14 +9,15 @@
 set -eu
 cd "$(dirname "$0")/.."
 
-if ! cargo +nightly --version >/dev/null 2>&1; then
-    echo "fuzz: skipped, nothing was tried: it needs a nightly compiler (rustup toolchain install nightly --profile minimal)."
+# Nothing is tried without these. That is a failure, unless FUZZ_OPTIONAL=1 asks for no more.
+lacks() {
+    echo "fuzz: nothing was tried: it needs $1. FUZZ_OPTIONAL=1 accepts that." >&2
+    [ "${FUZZ_OPTIONAL:-}" = 1 ] || exit 1
     exit 0
-fi
-if ! cargo fuzz --version >/dev/null 2>&1; then
-    echo "fuzz: skipped, nothing was tried: it needs cargo-fuzz (cargo install cargo-fuzz --locked)."
-    exit 0
-fi
+}
+cargo +nightly --version >/dev/null 2>&1 ||
+    lacks "a nightly compiler (rustup toolchain install nightly --profile minimal)"
+cargo fuzz --version >/dev/null 2>&1 || lacks "cargo-fuzz (cargo install cargo-fuzz --locked)"
 
 # Targets that read files write them first, which is three times as fast in memory.
 if TMPDIR=$(mktemp -d -p /dev/shm 2>/dev/null); then

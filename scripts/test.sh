@@ -42,11 +42,10 @@ code=$?
 seconds=$(($(date +%s) - began))
 if [ $code -eq 0 ]; then
     # Tests that are left out are named; of many, such as the mutants, the number is told.
-    ignored=$(sed -n 's/^test \(.*[^ ]\) *\.\.\. ignored/                  ignored: \1/p' "$logs"/*"$(basename "$program")".log)
-    many=$(printf '%s' "$ignored" | grep -c '' || true)
-    [ "$many" -le 20 ] || ignored="                  ignored: $many tests"
-    printf '%6d s  passed  %s%s\n' $seconds "$name" "${ignored:+
-$ignored}"
+    sed -n 's/^test \(.*[^ ]\) *\.\.\. ignored.*/\1/p' "$logs"/*"$(basename "$program")".log >"$logs/$$.ignored"
+    many=$(grep -c '' "$logs/$$.ignored" || true)
+    if [ "$many" -gt 20 ]; then echo "$many of $name" >"$logs/$$.names"; else cp "$logs/$$.ignored" "$logs/$$.names"; fi
+    printf '%6d s  passed  %s%s\n' $seconds "$name" "$(sed 's/^/\n                  ignored: /' "$logs/$$.names" | sed '/^$/d' | sed '1s/^/\n/')"
 else
     # One write, so that the logs of two programs do not mix.
     printf '%s\n%6d s  FAILED  %s\n' "$(cat "$logs"/*"$(basename "$program")".log)" $seconds "$name"
@@ -65,4 +64,6 @@ xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
     echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p PACKAGE --test NAME" >&2
     exit 1
 }
-echo "test: $count programs and the documentation passed in $(($(date +%s) - began)) s"
+skipped=$(cat "$logs"/*.ignored | grep -c '' || true)
+names=$(sort -u "$logs"/*.names | paste -sd, | sed 's/,/, /g')
+echo "test: $count programs and the documentation passed in $(($(date +%s) - began)) s; $skipped tests were skipped${names:+: $names}"

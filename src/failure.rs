@@ -81,6 +81,9 @@ impl Failure {
             Error::Misplaced { .. } | Error::DeviceSet { .. } => {
                 "; `sonoweave live --example fastrak` prints an example"
             }
+            Error::Example { .. } => {
+                "; `sonoweave calibrate probe --live` measures them, and --accept-example tries a session without them"
+            }
             Error::Uncalibrated { .. } => "; `sonoweave calibrate probe --live` measures it",
             _ => "",
         };

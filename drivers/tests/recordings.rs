@@ -1,6 +1,7 @@
 //! Reads recordings of real scanners and trackers completely. They are not part of the project:
 //! a test looks for them in `../shared/data` beside the workspace or in the folder named by
-//! `SONOWEAVE_TEST_DATA`. A test with an absent recording is reported as ignored, by name.
+//! `SONOWEAVE_TEST_DATA`. A test with an absent recording is reported as ignored, by name; with
+//! `SONOWEAVE_REQUIRE_RECORDINGS=1` it fails.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
@@ -227,10 +228,19 @@ fn trial(file: &'static str, test: impl FnOnce(&Path) -> Result<(), Failed> + Se
     Trial::ignorable_test(file, move || {
         let path = folder().join(file);
         if !path.exists() {
-            return Ok(Completion::ignored_with(format!("{} is absent", path.display())));
+            return absent(&path);
         }
         test(&path).map(|()| Completion::Completed)
     })
+}
+
+/// Ignores a test without its file or folder, or fails it if all are required.
+fn absent(path: &Path) -> Result<Completion, Failed> {
+    let sentence = format!("{} is absent", path.display());
+    match std::env::var_os("SONOWEAVE_REQUIRE_RECORDINGS").is_some_and(|value| value == "1") {
+        true => Err(format!("{sentence}, and SONOWEAVE_REQUIRE_RECORDINGS requires it").into()),
+        false => Ok(Completion::ignored_with(sentence)),
+    }
 }
 
 struct Adler(u32, u32);
@@ -418,7 +428,7 @@ fn all_known() -> Result<Completion, Failed> {
     let known: BTreeSet<PathBuf> =
         KNOWN.iter().map(|k| k.file).chain(VOLUMES.map(|v| v.0)).chain(NRRDS).map(|file| folder().join(file)).collect();
     if !folder().exists() {
-        return Ok(Completion::ignored_with(format!("{} is absent", folder().display())));
+        return absent(&folder());
     }
     let mut found = BTreeSet::new();
     for kind in ["freehand", "nwire", "latency", "tracking", "formats"] {

@@ -4,6 +4,7 @@ mod app;
 pub(crate) mod check;
 mod device;
 pub(crate) mod ended;
+mod foreign;
 pub(crate) mod home;
 pub(crate) mod options;
 pub(crate) mod outputs;

@@ -74,6 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         resume: None,
         console: Some(arguments.console),
         keep: None,
+        accept_example: false,
         quiet: false,
         kind: "demo",
         sharing: arguments.sharing.sharing(),

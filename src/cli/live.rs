@@ -21,7 +21,7 @@ use arguments::{OutputFlags, SessionArguments};
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_allow", "igtl_save", "igtl_wait"])),
     after_help = "\
 With --config alone, a session runs until Ctrl-C, SIGTERM or the end of --duration, and then writes its outputs. A \
 second signal ends it at once, without further outputs. --check opens all devices and waits 5 s at most for each. It \
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let (options, outputs) = (arguments.session_arguments.options(), arguments.outputs.outputs());
         return report::run(&bedside, &options, headless, &outputs).map(drop);
     }
-    let report = check::check(&bedside)?;
+    let report = check::check(&bedside, arguments.session_arguments.accept_example)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
     out.write_all(said.as_bytes())?;
     out.flush()?;

@@ -178,7 +178,7 @@ impl Arguments {
     /// Returns the request for a session, which has its own settings; `given` are the flags on
     /// the command line.
     fn of_session(&self, given: &[String]) -> Result<ReplayRequest<'_>, Failure> {
-        const KNOWN: [&str; 18] = [
+        const KNOWN: [&str; 19] = [
             "console",
             "keep",
             "sequence",
@@ -195,6 +195,7 @@ impl Arguments {
             "stats",
             "log",
             "igtl",
+            "igtl_allow",
             "igtl_save",
             "igtl_wait",
         ];

@@ -199,7 +199,43 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     assert!(run.stderr.contains(advice), "{}", run.stderr);
     assert_eq!(place.json("slipped.json")["slipped"]["joint"], 3);
 
-    // Unsuitable files are refused.
+    // The tip's repeatability changes what counts as a deviation. Counts a turn are found on
+    // request.
+    place.does(&format!("{by} {order} --seat 0.4 --report wide.json"));
+    let wide = place.json("wide.json");
+    assert_eq!((&wide["seat_mm"], &report["seat_mm"]), (&0.4.into(), &0.1.into()));
+    let ratio = wide["spread"].as_f64().unwrap() / report["spread"].as_f64().unwrap();
+    assert!((ratio - 0.25).abs() < 0.01, "{ratio}");
+    let numbers = |report: &serde_json::Value, kind: &str| {
+        report["found"].as_array().unwrap().iter().filter(|number| number["number"] == kind).count()
+    };
+    place.does(&format!("{by} {order} --counts --report turns.json"));
+    let turns = place.json("turns.json");
+    assert!(turns["found"].as_array().unwrap().len() > 5 && numbers(&turns, "length") == numbers(&report, "length"));
+    // A tip beside the last link is the same tip if the link is shorter and the zero turned.
+    place.does(&format!("{by} {order} --tip 1.5,0 --report tip.json"));
+    let tip = place.json("tip.json");
+    assert_eq!(tip["tip_mm"], serde_json::json!([1.5, 0.0]));
+    let length = |report: &serde_json::Value| {
+        let all = report["found"].as_array().unwrap().iter();
+        let mut last = all.filter(|number| number["number"] == "length" && number["joint"] == 3);
+        last.next().map(|number| number["value"].as_f64().unwrap())
+    };
+    assert!((length(&report).unwrap() - length(&tip).unwrap() - 1.5).abs() < 0.01, "{report} {tip}");
+
+    // Unsuitable files and values are refused.
+    let moving = "--order gives the divots of 22 touches, but the joints rested ";
+    place.refuses(&format!("{by} {order} --still 1000"), &[moving]);
+    for (flag, says) in [
+        ("--seat 0", "must be above 0"),
+        ("--still=-1", "must be above 0"),
+        ("--tip 1", "2 numbers"),
+        ("--tip a,b", "number"),
+        ("--counts --check", "cannot be used with"),
+    ] {
+        let run = place.run(&format!("{by} {order} {flag}"));
+        assert!(run.code == 2 && run.stderr.contains(says), "{flag}: {}", run.stderr);
+    }
     place.put("cm.toml", plate(0.1));
     place.put("inches.toml", plate(1.0 / 25.4));
     let refuses = |words: &str, says: &[&str]| place.refuses(&format!("{by} {words} -o new.toml"), says);

@@ -101,7 +101,7 @@ impl Session {
     }
 
     /// Uses the shell's own `kill`: a bare machine has no other.
-    fn signal(&self, signal: &str) {
+    pub(super) fn signal(&self, signal: &str) {
         let killed = Command::new("sh").args(["-c", &format!("kill {signal} {}", self.child.id())]).status().unwrap();
         assert!(killed.success());
     }

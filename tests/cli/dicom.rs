@@ -19,7 +19,7 @@ fn holds(bytes: &[u8], part: &[u8]) -> bool {
 #[test]
 fn dicom_from_reconstruct_equals_converted_volume() {
     let place = place();
-    let who = "--patient-id 4711 --patient-name Doe^Jane --study-description Knee";
+    let who = "--patient-id 4711 --patient-name Doe^Jane --study-description Knee --series-description Sweep";
     place.does(&format!("{RECONSTRUCT} -o v.dcm {who}"));
     place.does(&format!("{RECONSTRUCT} -o v.mha"));
     let said = place.does(&format!("dicom v.mha w.dcm {who}"));
@@ -27,7 +27,7 @@ fn dicom_from_reconstruct_equals_converted_volume() {
     assert!(place.get("v.dcm") == place.get("w.dcm"));
     let bytes = place.get("v.dcm");
     assert_eq!(&bytes[128..132], b"DICM");
-    for text in ["1.2.840.10008.5.1.4.1.1.6.2", "Doe^Jane", "4711", "Knee"] {
+    for text in ["1.2.840.10008.5.1.4.1.1.6.2", "Doe^Jane", "4711", "Knee", "Sweep"] {
         assert!(holds(&bytes, text.as_bytes()), "{text}");
     }
     // The voxels of the other file come last.
@@ -57,6 +57,8 @@ fn content_unsupported_by_dicom_is_refused() {
         &["time of acquisition \"2024\"", "fourteen digits"],
     );
     place.refuses("dicom s.mha s.dcm --study-uid 1.02", &["study UID \"1.02\""]);
+    let long = "x".repeat(65);
+    place.refuses(&format!("dicom s.mha s.dcm --series-description {long}"), &["series description", &long]);
     place.refuses("dicom s.mha s.png", &["s.png", ".dcm"]);
     place.refuses("dicom s.mha none/s.dcm", &["none"]);
     place.refuses("dicom none.mha s.dcm", &["none.mha"]);

@@ -1,11 +1,13 @@
 //! `--igtl`: a session as an OpenIGTLink server, and another session that uses it as its
 //! devices.
 
+use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use super::daemon::{SMALL, Session, ask};
 use super::place::Place;
 
 /// A small virtual bedside, quickly simulated.
@@ -106,4 +108,89 @@ fn occupied_address_and_incomplete_flags_are_refused() {
     assert!(!place.path("r").exists(), "and nothing was begun");
     let run = place.run("live --config b.toml --igtl-save x");
     assert!(run.code == 2 && run.stderr.contains("--igtl"), "{}", run.stderr);
+}
+
+#[test]
+fn address_of_other_machines_needs_allowed_network() {
+    let place = Place::new();
+    place.put("b.toml", SHOWN);
+    let refusal = ["--igtl: cannot listen at 0.0.0.0:0", "under allow in [igtl]", "--igtl-allow lists them, too"];
+    place.refuses("live --config b.toml --headless --duration 1 --igtl=0.0.0.0:0 --record r", &refusal);
+    assert!(!place.path("r").exists(), "and nothing was begun");
+    let run = place.run("demo --headless --duration 1 --igtl=[::]:0");
+    assert!(run.code == 1 && run.stderr.contains("cannot listen at [::]:0"), "{}", run.stderr);
+    for (flag, expected) in [
+        ("0.0.0.0/0", "holds all addresses"),
+        ("10.0.0.1/8", "give \"10.0.0.0/8\" for the network"),
+        ("ward", "\"ward\" is not a network"),
+    ] {
+        let run = place.run(&format!("live --config b.toml --igtl=0.0.0.0:0 --igtl-allow {flag}"));
+        assert!(run.code == 2 && run.stderr.contains(expected), "{}", run.stderr);
+    }
+    let run = place.run("live --config b.toml --igtl-allow 10.0.0.0/8");
+    assert!(run.code == 2 && run.stderr.contains("--igtl"), "{}", run.stderr);
+}
+
+/// A connection from this address; the address itself is of the loopback network.
+fn connected(own: &str, port: u16) -> std::net::TcpStream {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
+    let stream = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind((own.parse::<std::net::Ipv4Addr>().unwrap(), 0).into()).unwrap();
+        socket.connect((std::net::Ipv4Addr::LOCALHOST, port).into()).await.unwrap().into_std().unwrap()
+    });
+    stream.set_nonblocking(false).unwrap();
+    stream
+}
+
+/// Whether the server closes this connection, which has sent nothing.
+fn is_closed(stream: &mut std::net::TcpStream) -> bool {
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    // A served client is greeted with the status.
+    !matches!(stream.read(&mut [0]), Ok(1))
+}
+
+#[test]
+fn only_allowed_networks_are_served_as_reloaded() {
+    let place = Place::new();
+    place.put("b.toml", format!("{SMALL}[igtl]\nallow = [\"127.0.1.0/24\"]\n"));
+    let words = "live --config b.toml --headless --igtl=0.0.0.0:0 --igtl-allow 127.0.5.5,127.0.6.0/24";
+    let mut session = Session::at(place, words, &[]);
+    let port: u16 = session.waits_for("an address", || {
+        let log = session.log();
+        log.split_once("OpenIGTLink at 0.0.0.0:")?.1.split_once('\n')?.0.parse().ok()
+    });
+    let greeting = "clients in 127.0.1.0/24, 127.0.5.5/32, 127.0.6.0/24 see slices and volume";
+    session.waits_for("the networks", || session.log().contains(greeting).then_some(()));
+    for (own, is_served) in
+        [("127.0.0.1", true), ("127.0.1.9", true), ("127.0.5.5", true), ("127.0.5.6", false), ("127.0.2.9", false)]
+    {
+        assert_eq!(is_closed(&mut connected(own, port)), !is_served, "{own}");
+    }
+    session.waits_for("a word in the log", || {
+        session.log().contains("OpenIGTLink connections were closed, the last one of 127.0.5.6").then_some(())
+    });
+    let address = session.address();
+    let counted = |key: &str| {
+        let status: Value = serde_json::from_str(&ask(&address, "localhost", "/status").1).unwrap();
+        status["igtl"][key].as_u64()
+    };
+    session.waits_for("its count in the status", || (counted("not_allowed") == Some(2)).then_some(()));
+    assert_eq!(counted("served"), Some(3));
+    let metrics = ask(&address, "localhost", "/metrics").1;
+    assert!(metrics.contains("sonoweave_igtl_refused_connections_total{reason=\"not_allowed\"} 2\n"), "{metrics}");
+    // A reload replaces the configuration's networks, and keeps the flag's.
+    let text = format!("{SMALL}[igtl]\nallow = [\"127.0.2.0/24\"]\n");
+    session.place.put("b.toml", text);
+    session.signal("-HUP");
+    session.waits_for("the reload", || session.log().contains("from now on igtl.allow").then_some(()));
+    session.waits_for("the new networks", || (!is_closed(&mut connected("127.0.2.9", port))).then_some(()));
+    assert!(is_closed(&mut connected("127.0.1.9", port)) && !is_closed(&mut connected("127.0.6.1", port)));
+    // An unusable list changes nothing.
+    session.place.put("b.toml", format!("{SMALL}[igtl]\nallow = [\"0.0.0.0/0\"]\n"));
+    session.signal("-HUP");
+    session.waits_for("the refusal", || session.log().contains("so that the old one holds").then_some(()));
+    assert!(!is_closed(&mut connected("127.0.2.9", port)) && is_closed(&mut connected("127.0.3.9", port)));
+    assert_eq!(session.ends("-INT"), 0, "{}", session.log());
+    assert!(session.log().contains("refused as not allowed"), "{}", session.log());
 }

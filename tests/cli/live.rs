@@ -133,7 +133,7 @@ fn arm_without_joints_is_refused() {
         "arm.toml",
         text.replace("\n[grabber]", "\n[virtual]\nscene = \"blobs\"\n\n[grabber]\nsize = \"640x480\""),
     );
-    let probe = place.does("live --example arm-probe");
+    let probe = place.does("live --example arm-probe").replace("an example: replace it by", "measured, instead of");
     place.put("arm-probe.toml", &probe);
     let (run, report) = check(&place, "arm.toml");
     assert_eq!(run.code, 1, "the arm is not there");
@@ -178,4 +178,68 @@ fn wrong_kind_of_configuration_is_refused() {
     assert_eq!((frozen_s["minimum"].as_f64(), frozen_s["default"].as_f64()), (Some(0.05), Some(0.5)));
     let keys = place.does("live --keys");
     assert!(keys.contains("\n[tracker]\n") && keys.contains("\n  latency_ms = -1000 to 1000 *\n"), "{keys}");
+}
+
+/// The example of a calibration, with this provenance and rectangle, and without its preset.
+fn probe(place: &Place, provenance: &str, clip: [u32; 4]) -> String {
+    let example = place.does("live --example probe");
+    let [x, y, w, h] = clip;
+    let (text, preset) = example.split_once("[[preset]]").unwrap();
+    assert!(preset.contains("picture_px = [720, 576]"), "{preset}");
+    text.replace("an example: replace it by your probe's", provenance).replace(
+        "clip_px = { x = 120, y = 60, width = 480, height = 400 }",
+        &format!("clip_px = {{ x = {x}, y = {y}, width = {w}, height = {h} }}"),
+    )
+}
+
+const SHORTLY: &str = "live --config b.toml --headless --duration 0.5";
+const CALIBRATED: &str = "[calibration]\nfile = \"probe.toml\"\n";
+
+#[test]
+fn example_as_calibration_is_refused_unless_accepted() {
+    let place = Place::new();
+    place.put("b.toml", format!("{SMALL}{CALIBRATED}"));
+    let refusal = ["probe.toml: provenance: is \"", "not this probe's", "calibrate probe --live", "--accept-example"];
+    for provenance in ["an example: replace it by your probe's", "Example", "of the manual's EXAMPLE, 2024"] {
+        place.put("probe.toml", probe(&place, provenance, [0, 0, 90, 70]));
+        place.refuses(&format!("{SHORTLY} --record r"), &refusal);
+        assert!(!place.path("r").exists(), "no session is begun");
+    }
+    let (run, report) = check(&place, "b.toml");
+    assert!(run.code == 1 && run.stderr.contains("not well: calibration"), "{}", run.stderr);
+    let wrong = sentences(of(&report, "calibration"), "wrong");
+    assert!(refusal.iter().all(|part| wrong.contains(part)), "{wrong}");
+    // A trial, which is told.
+    let run = place.run("live --config b.toml --check --accept-example");
+    assert!(run.code == 0 && run.stdout.contains("! probe.toml: provenance: is "), "{} {}", run.stdout, run.stderr);
+    let run = place.run(&format!("{SHORTLY} --accept-example"));
+    assert!(run.code == 0 && run.stderr.contains("accepted for a trial: probe.toml: provenance"), "{}", run.stderr);
+    // Other numbers are a calibration, and so are those that a virtual bedside makes for itself.
+    place.put("probe.toml", probe(&place, "N-wires, exemplary", [0, 0, 90, 70]));
+    assert_eq!((place.run(SHORTLY).code, check(&place, "b.toml").0.code), (0, 0));
+    place.put("b.toml", SMALL);
+    assert_eq!(place.run(SHORTLY).code, 0);
+    assert_eq!(place.run("live --accept-example").code, 2, "it needs a configuration");
+}
+
+#[test]
+fn calibration_of_another_image_size_is_refused() {
+    let place = Place::new();
+    place.put("b.toml", format!("{SMALL}{CALIBRATED}"));
+    place.put("probe.toml", probe(&place, "N-wires", [10, 10, 90, 70]));
+    let beyond = "the rectangle of 90×70 pixels from 10, 10 reaches beyond the picture of 96×80";
+    place.refuses(SHORTLY, &[beyond, "--accept-example"]);
+    assert!(sentences(of(&check(&place, "b.toml").1, "calibration"), "wrong").contains(beyond));
+    let run = place.run(&format!("{SHORTLY} --accept-example"));
+    assert!(run.code == 0 && run.stderr.contains(beyond), "{}", run.stderr);
+    // No frame of another size fits a preset, so that a trial would show nothing.
+    let of_preset = place.does("live --example probe").replace("an example: replace it by your probe's", "N-wires");
+    place.put("probe.toml", of_preset);
+    place.put("b.toml", format!("{SMALL}{CALIBRATED}preset = \"40 mm\"\n"));
+    for flag in ["", " --accept-example"] {
+        place.refuses(&format!("{SHORTLY}{flag}"), &["40 mm", "720×576", "96×80"]);
+    }
+    let (run, report) = check(&place, "b.toml");
+    assert_eq!(run.code, 1);
+    assert!(sentences(of(&report, "calibration"), "wrong").contains("720×576"), "{report}");
 }

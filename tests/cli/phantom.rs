@@ -228,3 +228,55 @@ fn scanner_flags_change_frames_and_need_a_body_scene() {
     place.refuses("phantom -o r.mha --scene doll --depth 0", &["the depth, mm, is 0; it must lie between 1 and 400"]);
     place.refuses("phantom -o r.mha --scene doll --pixel 0", &["the distance of pixels is 0 mm"]);
 }
+
+#[test]
+fn normal_and_frequency_shape_their_scenes() {
+    let place = Place::new();
+    let truth = |flags: &str| {
+        place.does(&format!("{SMALL} -o s.mha --truth t.mha --spacing 1 {flags}"));
+        place.volume("t.mha")
+    };
+    // A plane across an axis and a wave along it change along this axis only.
+    for (flags, along) in [
+        ("--scene plane --normal 5,0,0", 0),
+        ("--scene plane --normal 0,-2,0", 1),
+        ("--scene sinusoid --frequency 0.1,0,0", 0),
+        ("--scene sinusoid --frequency 0,0,-0.1", 2),
+    ] {
+        let volume = truth(flags);
+        let middle = volume.header.size.map(|size| i64::from(size) / 2);
+        let values = |axis: usize| -> Vec<f32> {
+            let at = |n: i64| std::array::from_fn(|a| if a == axis { n } else { middle[a] });
+            (0..i64::from(volume.header.size[axis])).map(|n| volume.at(at(n)).unwrap()).collect()
+        };
+        let spread = |axis: usize| {
+            let of = values(axis);
+            of.iter().copied().fold(f32::MIN, f32::max) - of.iter().copied().fold(f32::MAX, f32::min)
+        };
+        for axis in 0..3 {
+            assert_eq!(spread(axis) > 10.0, axis == along, "{flags}: {} along {axis}", spread(axis));
+        }
+    }
+    for (flags, says) in [
+        ("--scene plane --normal 0,0,0", "must not be zero"),
+        ("--scene plane --normal 1,2", "3 numbers"),
+        ("--scene sinusoid --frequency 101,0,0", "must be at most 100 cycles per mm"),
+        ("--scene sinusoid --frequency x,0,0", "number"),
+    ] {
+        let run = place.run(&format!("{SMALL} -o r.mha {flags}"));
+        assert!(run.code == 2 && run.stderr.contains(says), "{flags}: {}", run.stderr);
+    }
+}
+
+#[test]
+fn log_filter_shows_messages_of_its_level() {
+    let place = Place::new();
+    let said = |filter: &str| place.run(&format!("{SMALL} -o s.mha --log {filter}")).stderr;
+    assert_eq!(said("error"), "");
+    place.does(&format!("{SMALL} -o s.mha"));
+    let run = |filter: &str| place.run(&format!("reconstruct s.mha -o v.mha --log {filter}"));
+    let (quiet, told) = (run("off"), run("trace"));
+    assert_eq!((quiet.code, told.code), (0, 0), "{} {}", quiet.stderr, told.stderr);
+    assert!(told.stderr.len() > quiet.stderr.len(), "{} {}", quiet.stderr, told.stderr);
+    place.refuses("inspect s.mha --log a=b=c", &["--log a=b=c: "]);
+}

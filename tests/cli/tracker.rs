@@ -91,6 +91,20 @@ fn room_map_names_zones_with_metal() {
     assert!(printed.contains("cells of 50 mm where the tracker errs by more than 1 mm"), "{printed}");
     let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --limit 5");
     assert!(said.contains("are within 5 mm"), "{said}");
+    // Larger cells are fewer, and begin at multiples of their edge.
+    place.does("calibrate tracker --sequence carried.igs.mha --other Reference --cell 100 --report large.json");
+    let large = place.json("large.json");
+    let large_cells = large["cells"].as_array().unwrap();
+    assert!(large["cell_mm"] == 100.0 && !large_cells.is_empty() && large_cells.len() < cells.len(), "{large}");
+    let pairs = |cells: &[serde_json::Value]| cells.iter().map(|cell| cell["pairs"].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(pairs(large_cells), pairs(cells), "the same pairs lie in them");
+    for cell in large_cells {
+        assert_eq!(cell["low_mm"][0].as_f64().unwrap() % 100.0, 0.0, "{cell}");
+    }
+    for (flags, says) in [("--other Reference --cell 0", "must be above 0"), ("--cell 20", "--other <NAME>")] {
+        let run = place.run(&format!("calibrate tracker --sequence carried.igs.mha {flags}"));
+        assert!(run.code == 2 && run.stderr.contains(says), "{flags}: {}", run.stderr);
+    }
 }
 
 #[test]

@@ -153,6 +153,7 @@ impl Set {
         let finished = finished.unwrap().finish();
         seen.look(&finished.status);
         adds_up(&finished.status);
+        is_settled(&finished.status);
         let ledger = &finished.status.ledger;
         assert_eq!(ledger.frames.waiting, 0, "all frames are decided upon: {ledger}");
         assert!(ledger.readings.iter().all(|readings| readings.waiting() == 0), "{ledger}");
@@ -241,6 +242,15 @@ fn adds_up(status: &SessionStatus) {
     for readings in &status.ledger.readings {
         let counted = readings.used + readings.dropped + readings.refused.values().sum::<u64>();
         assert!(counted <= readings.total, "{}", status.ledger);
+    }
+}
+
+/// Checks that nothing waits for its outcome any more.
+fn is_settled(status: &SessionStatus) {
+    assert_eq!(status.ledger.frames.waiting, 0, "{}", status.ledger);
+    for readings in &status.ledger.readings {
+        let counted = readings.used + readings.dropped + readings.refused.values().sum::<u64>();
+        assert_eq!(readings.total, counted, "{}", status.ledger);
     }
 }
 

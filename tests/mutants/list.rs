@@ -25,9 +25,6 @@ pub(crate) struct Mutant {
     pub(crate) suite: String,
     /// Filter of its tests: part of their names.
     pub(crate) test: String,
-    /// Whether the error may show by a test that does not end, as in an endless loop.
-    #[serde(default)]
-    pub(crate) timeout: bool,
 }
 
 #[derive(Deserialize)]

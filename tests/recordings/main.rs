@@ -3,7 +3,7 @@
 //!
 //! They are PLUS's test data and not part of the project. They are searched in the folder named
 //! by `SONOWEAVE_TEST_DATA`, else in `../shared/data`. A test without its files is reported as
-//! ignored, by name.
+//! ignored, by name; with `SONOWEAVE_REQUIRE_RECORDINGS=1` it fails.
 
 #![allow(
     clippy::print_stdout,
@@ -50,19 +50,27 @@ impl Test {
         Self { name, needs: Needs::Files(files), check }
     }
 
-    fn trial(&self, of: &str, folder: &Path) -> Trial {
-        let (at, is_there) = match self.needs {
-            Needs::File(file) => (folder.join(file), folder.join(file).is_file()),
-            Needs::Files(files) => (folder.to_owned(), files.iter().all(|file| folder.join(file).is_file())),
+    fn trial(&self, of: &str, folder: &Path, are_required: bool) -> Trial {
+        let (at, files) = match &self.needs {
+            Needs::File(file) => (folder.join(file), std::slice::from_ref(file)),
+            Needs::Files(files) => (folder.to_owned(), *files),
         };
-        let check = self.check;
-        Trial::test(format!("{of}::{}", self.name), move || check(&at)).with_ignored_flag(!is_there)
+        let absent = files.iter().map(|file| folder.join(file)).find(|file| !file.is_file());
+        let (check, is_ignored) = (self.check, absent.is_some() && !are_required);
+        let run = move || match &absent {
+            Some(file) => {
+                Err(format!("{}: is absent; SONOWEAVE_REQUIRE_RECORDINGS requires it", file.display()).into())
+            }
+            None => check(&at),
+        };
+        Trial::test(format!("{of}::{}", self.name), run).with_ignored_flag(is_ignored)
     }
 }
 
 fn main() {
     let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let are_required = std::env::var_os("SONOWEAVE_REQUIRE_RECORDINGS").is_some_and(|value| value == "1");
     let modules = [
         ("config", config::TESTS),
         ("contact", contact::TESTS),
@@ -74,6 +82,6 @@ fn main() {
         ("tracking", tracking::TESTS),
     ];
     let trials = modules.into_iter().flat_map(|(of, tests)| tests.iter().map(move |test| (of, test)));
-    let trials = trials.map(|(of, test)| test.trial(of, &folder)).collect();
+    let trials = trials.map(|(of, test)| test.trial(of, &folder, are_required)).collect();
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

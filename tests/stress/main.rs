@@ -43,6 +43,7 @@ mod time;
 use std::sync::Arc;
 
 use libtest_mimic::{Arguments, Trial};
+use simd::Simd;
 
 use figures::{Length, Report, Test};
 
@@ -77,8 +78,19 @@ fn main() {
         faces::tests(),
         foreign::tests(),
     ];
-    let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
+    let mut trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
+    trials.extend(Simd::ALL.map(instruction_set));
     let conclusion = libtest_mimic::run(&arguments, trials);
     report.finish(length, &arguments);
     conclusion.exit();
+}
+
+/// All tests of the project leave out the instruction sets that the machine lacks. This one is then
+/// reported as ignored, so that the set is named.
+fn instruction_set(simd: Simd) -> Trial {
+    let has_bits = move || match order::has_bits_of_portable(simd) {
+        true => Ok(()),
+        false => Err("other bits than portable".into()),
+    };
+    Trial::test(format!("instruction set {}", simd.name()), has_bits).with_ignored_flag(!simd.is_available())
 }

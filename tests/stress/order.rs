@@ -89,11 +89,15 @@ fn threads(sheet: &mut Sheet) {
     }
 }
 
+/// Whether insertion by this instruction set gives the bits of the portable one.
+pub(crate) fn has_bits_of_portable(simd: Simd) -> bool {
+    outcome(simd, 1) == outcome(Simd::Portable, 1)
+}
+
 fn instructions(sheet: &mut Sheet) {
-    let portable = outcome(Simd::Portable, 1);
     for simd in Simd::ALL {
         if simd.is_available() {
-            sheet.holds(&format!("{}: bits of portable", simd.name()), outcome(simd, 1) == portable);
+            sheet.holds(&format!("{}: bits of portable", simd.name()), has_bits_of_portable(simd));
         } else {
             sheet.record(simd.name(), "this machine lacks it");
         }

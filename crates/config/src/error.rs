@@ -92,6 +92,18 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// The calibration file calls itself an example.
+    #[error(
+        "{path}: provenance: is \"{provenance}\", and the numbers of an example are not this probe's; calibrate the \
+         probe into another file, or enter its numbers and their origin",
+        path = path.display()
+    )]
+    Example {
+        /// The calibration file.
+        path: PathBuf,
+        /// Its provenance.
+        provenance: String,
+    },
     /// XML with other contents.
     #[error(
         "{path}: holds no CoordinateDefinitions, CalibrationResults or VolumeReconstruction element; a PLUS configuration or \

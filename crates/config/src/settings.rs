@@ -38,6 +38,9 @@ pub struct Settings {
     pub source: SourceKind,
     /// The file.
     pub path: Option<PathBuf>,
+    /// Origin of the numbers in our own file, for people. It is not serialised: the file has it.
+    #[serde(skip)]
+    pub provenance: String,
     /// Constant transforms; `Image` to `Probe` is the probe's calibration.
     pub transforms: Vec<StaticTransform>,
     /// Name of the image's frame, if not `Image`.
@@ -85,6 +88,7 @@ impl Settings {
     pub fn of_file(file: &CalibrationFile) -> Self {
         Self {
             source: SourceKind::Sonoweave,
+            provenance: file.provenance.clone(),
             transforms: file.named_transforms(),
             clip: file.clip,
             fan: file.fan,
@@ -96,6 +100,12 @@ impl Settings {
             distortion: file.distortion.clone(),
             ..Self::default()
         }
+    }
+
+    /// Whether the file calls itself an example, so that its numbers are no probe's.
+    pub fn is_example(&self) -> bool {
+        let mut words = self.provenance.split(|c: char| !c.is_alphanumeric());
+        words.any(|word| word.eq_ignore_ascii_case("example"))
     }
 
     /// Replaces the file's probe calibration by one from the command line (16 numbers, row
@@ -121,5 +131,22 @@ impl Settings {
         };
         let picture_px = self.preset.as_ref().and_then(|preset| preset.picture_px);
         MaskSettings { clip, fan: self.fan, picture_px }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn example_is_recognised_by_its_provenance() {
+        let is_example =
+            |provenance: &str| Settings { provenance: provenance.into(), ..Settings::default() }.is_example();
+        for provenance in ["an example: replace it by your probe's", "Example", "N-wires; (EXAMPLE)", "the example's"] {
+            assert!(is_example(provenance), "{provenance}");
+        }
+        for provenance in ["", "N-wire phantom, 140 frames", "exemplary", "examples of the ward"] {
+            assert!(!is_example(provenance), "{provenance}");
+        }
     }
 }

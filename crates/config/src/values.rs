@@ -1,9 +1,10 @@
 //! Parsers for values of flags and keys that hold several numbers or a criterion.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::ops::Range;
 
 use glam::DVec3;
+use ipnet::{IpNet, Ipv4Net};
 
 use drivers::replay::Pace;
 use mask::Clip;
@@ -110,6 +111,45 @@ pub fn loopback(text: &str) -> Result<SocketAddr, Error> {
             address.ip()
         ))),
     }
+}
+
+/// Number of leading bits that IPv4 networks have more if they are written as IPv6.
+const MAPPED: u8 = 96;
+
+/// Parses a network of addresses, or a single address. An IPv4 network that is written as IPv6
+/// becomes IPv4.
+///
+/// # Errors
+/// A sentence for an invalid one, for an address within the network in place of its first, and
+/// for a network of all addresses.
+pub fn network(text: &str) -> Result<IpNet, Error> {
+    let given = text.trim().parse().or_else(|_| text.trim().parse().map(|address: IpAddr| IpNet::from(address)));
+    let given: IpNet = given.map_err(|_| {
+        Error::Value(format!(
+            "\"{text}\" is not a network; give an address and the number of its leading bits, such as \"192.168.0.0/24\" \
+            or \"fd00::/64\""
+        ))
+    })?;
+    let mapped = match given {
+        IpNet::V6(wide) => wide.addr().to_ipv4_mapped().zip(wide.prefix_len().checked_sub(MAPPED)),
+        IpNet::V4(_) => None,
+    };
+    let network = match mapped.and_then(|(address, bits)| Ipv4Net::new(address, bits).ok()) {
+        Some(network) => IpNet::V4(network),
+        None => given,
+    };
+    if network.prefix_len() == 0 {
+        return Err(Error::Value(format!(
+            "\"{text}\" holds all addresses, so that everybody would be admitted; give the networks of the clients"
+        )));
+    }
+    if network != network.trunc() {
+        let (first, all) = (network.addr(), network.trunc());
+        return Err(Error::Value(format!(
+            "\"{text}\" begins within its network; give \"{all}\" for the network, or \"{first}\" for the one machine"
+        )));
+    }
+    Ok(network)
 }
 
 /// Parses the speed of a replay: `max`, or a multiple of the recorded speed.

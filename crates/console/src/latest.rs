@@ -7,7 +7,7 @@ use config::bedside::Effective;
 use guidance::GuidanceStatus;
 use measure::Uncertainty;
 use pipeline::session::SessionStatus;
-use statistics::LiveStatistics;
+use statistics::{IgtlNumbers, LiveStatistics};
 
 /// Description of a session for pages.
 #[derive(Debug, Clone, Default)]
@@ -49,6 +49,7 @@ pub(super) struct Report {
     pub(super) at: Instant,
     pub(super) account: Arc<SessionStatus>,
     pub(super) guidance: Option<Arc<GuidanceStatus>>,
+    pub(super) igtl: Option<IgtlNumbers>,
     pub(super) basis: Arc<Basis>,
     pub(super) still: Vec<String>,
     pub(super) ended: bool,
@@ -68,6 +69,7 @@ impl Latest {
             at: began,
             account: Arc::default(),
             guidance: None,
+            igtl: None,
             basis: Arc::new(basis),
             still: Vec::new(),
             ended: false,
@@ -85,6 +87,11 @@ impl Latest {
     /// Stores the present scan guidance.
     pub fn publish_guidance(&self, guidance: GuidanceStatus) {
         self.lock().guidance = Some(Arc::new(guidance));
+    }
+
+    /// Stores the present numbers of the OpenIGTLink server.
+    pub fn publish_igtl(&self, numbers: IgtlNumbers) {
+        self.lock().igtl = Some(numbers);
     }
 
     /// Records that the session is ending: from now on it only finishes its output.
@@ -109,5 +116,6 @@ impl Latest {
     pub(super) fn statistics<'a>(&'a self, report: &'a Report) -> LiveStatistics<'a> {
         LiveStatistics::new(&report.account, report.at.duration_since(self.began), &report.basis.config)
             .with_guidance(report.guidance.as_deref())
+            .with_igtl(report.igtl)
     }
 }

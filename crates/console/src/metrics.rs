@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use pipeline::session::{SessionStatus, Spread, Written};
-use statistics::LiveStatistics;
+use statistics::{IgtlNumbers, LiveStatistics};
 use sync::clock::State;
 
 use super::counts::Counts;
@@ -88,6 +88,9 @@ pub(super) fn text(statistics: &LiveStatistics<'_>) -> String {
     times(&mut to, statistics.account);
     if let Some(written) = &statistics.account.recording {
         recording(&mut to, written);
+    }
+    if let Some(numbers) = &statistics.igtl {
+        igtl(&mut to, numbers);
     }
     let process = statistics.process;
     to.gauge("process_resident_memory_bytes", "Resident memory of the process.")
@@ -274,6 +277,23 @@ fn times(to: &mut Exposition, account: &SessionStatus) {
         "Slices that were inserted during the drawing of a picture and appeared in the next one.",
     )
     .sample(&[], account.pictures_skipped as f64);
+}
+
+fn igtl(to: &mut Exposition, numbers: &IgtlNumbers) {
+    to.counter("sonoweave_igtl_clients_total", "OpenIGTLink clients that were served.")
+        .sample(&[], numbers.served as f64);
+    to.counter("sonoweave_igtl_refused_connections_total", "OpenIGTLink connections that were closed at once.")
+        .sample(&[("reason", "not_allowed")], numbers.not_allowed as f64)
+        .sample(&[("reason", "no_slot")], numbers.turned_away as f64);
+    to.counter("sonoweave_igtl_disconnected_clients_total", "OpenIGTLink clients that were disconnected.")
+        .sample(&[("reason", "too_slow")], numbers.cut_off as f64)
+        .sample(&[("reason", "too_many_messages")], numbers.too_many as f64)
+        .sample(&[("reason", "invalid_data")], numbers.nonsense as f64);
+    to.counter(
+        "sonoweave_igtl_replaced_messages_total",
+        "OpenIGTLink messages that newer ones replaced before they were sent.",
+    )
+    .sample(&[], numbers.replaced as f64);
 }
 
 fn recording(to: &mut Exposition, written: &Written) {

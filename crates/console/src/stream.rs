@@ -30,6 +30,7 @@ use axum::response::{IntoResponse, Response};
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
+use listener::MessageRate;
 use sonoweave_core::clock::{Clock as _, Monotonic};
 
 use super::broadcast::Subscription;
@@ -61,8 +62,6 @@ const MOST_BYTES: usize = 4096;
 /// counts as gone.
 const PING_EVERY: Duration = Duration::from_secs(10);
 const SILENT: Duration = Duration::from_secs(30);
-/// Most messages of a page per second: dragging sends 120, and pictures are answered.
-const MOST_MESSAGES: u32 = 400;
 
 pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
     let Some((slot, has_evicted)) = served.viewer_slots.enter().await else {
@@ -183,9 +182,7 @@ struct Page<'a> {
     received: Instant,
     subscription: Subscription,
     channels: [Channel; KINDS],
-    /// Messages in this second.
-    messages: u32,
-    second: Instant,
+    messages: MessageRate,
 }
 
 impl<'a> Page<'a> {
@@ -193,7 +190,7 @@ impl<'a> Page<'a> {
         let subscription = served.session.broadcaster.enter();
         let channels = Kind::ALL.map(|kind| Channel::new(kind, &subscription));
         let now = Instant::now();
-        Self { served, socket, slot, received: now, subscription, channels, messages: 0, second: now }
+        Self { served, socket, slot, received: now, subscription, channels, messages: MessageRate::new(now) }
     }
 
     /// Serves until the page or the server is gone; returns the reason.
@@ -352,11 +349,7 @@ impl<'a> Page<'a> {
 
     fn handle_message(&mut self, message: Message) -> MessageOutcome {
         self.received = Instant::now();
-        if self.second.elapsed() >= Duration::from_secs(1) {
-            (self.messages, self.second) = (0, Instant::now());
-        }
-        self.messages += 1;
-        if self.messages > MOST_MESSAGES {
+        if !self.messages.count(self.received) {
             return MessageOutcome::Over(End::CutOff("the page sent too many messages"));
         }
         let text = match message {

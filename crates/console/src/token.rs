@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::fs::File;
 use std::io::Read as _;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -15,6 +15,8 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 use tokio_rustls::rustls::crypto::SecureRandom;
+
+use listener::counted_address;
 
 /// Fewest characters of a token.
 pub const LEAST: usize = 32;
@@ -111,7 +113,7 @@ impl Attempts {
         while self.0.front().is_some_and(|(at, _)| now.saturating_duration_since(*at) >= WHILE) {
             self.0.pop_front();
         }
-        let from = place(from);
+        let from = counted_address(from);
         let mut own = self.0.iter().rev().filter(|(_, of)| *of == from);
         let oldest = own.nth(TRIES - 1)?.0;
         Some(WHILE.saturating_sub(now.saturating_duration_since(oldest)))
@@ -122,16 +124,7 @@ impl Attempts {
         if self.0.len() == REMEMBERED {
             self.0.pop_front();
         }
-        self.0.push_back((now, place(from)));
-    }
-}
-
-/// Returns the address under which attempts count. For IPv6 this is the network, since its
-/// machines choose their addresses freely.
-fn place(address: IpAddr) -> IpAddr {
-    match address.to_canonical() {
-        IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
-        address @ IpAddr::V4(_) => address,
+        self.0.push_back((now, counted_address(from)));
     }
 }
 

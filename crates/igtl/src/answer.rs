@@ -214,7 +214,7 @@ impl ServerState {
     }
 
     fn execute(self: &Rc<Self>, client: &Rc<Client>, command: Option<Command>, reply: Reply) {
-        if !client.is_local {
+        if !client.is_local() {
             return self.reply(client, reply, Err(IgtlError::NotLocal));
         }
         match command {

@@ -1,6 +1,7 @@
 //! A client: its requests, and the messages that wait for it.
 
 use std::cell::{Cell, RefCell};
+use std::net::IpAddr;
 use std::time::Duration;
 
 use tokio::sync::Notify;
@@ -20,8 +21,8 @@ pub(super) struct Subscriptions {
 
 /// A client.
 pub(super) struct Client {
-    /// Whether it is on this machine.
-    pub(super) is_local: bool,
+    /// IPv4 as such, also if an IPv6 socket reports it.
+    pub(super) address: IpAddr,
     pub(super) version: Cell<Version>,
     pub(super) subscriptions: Cell<Subscriptions>,
     /// Whether it has requested POSITIONs.
@@ -37,9 +38,9 @@ pub(super) struct Client {
 }
 
 impl Client {
-    pub(super) fn new(is_local: bool) -> Self {
+    pub(super) fn new(address: IpAddr) -> Self {
         Self {
-            is_local,
+            address,
             version: Cell::new(Version::One),
             subscriptions: Cell::new(Subscriptions { images: true, transforms: true }),
             positions: Cell::new(false),
@@ -49,6 +50,11 @@ impl Client {
             more: Notify::new(),
             choked: Cell::new(false),
         }
+    }
+
+    /// Whether it is on this machine.
+    pub(super) fn is_local(&self) -> bool {
+        self.address.is_loopback()
     }
 
     /// Queues an answer.

@@ -10,7 +10,9 @@ use tokio::sync::watch;
 use tokio::time::{Instant, sleep_until};
 
 use drivers::openigtlink::{Decoder, Event, Limits};
+use listener::MessageRate;
 
+use super::admission::admits;
 use super::client::Client;
 use super::counts::Counts;
 use super::outbox::Wire;
@@ -38,6 +40,8 @@ pub(super) async fn serve(
     let mut buffer = [0; READ];
     let mut sending: Option<(Wire, usize)> = None;
     let (mut since, mut taken) = (Instant::now(), 0);
+    let mut messages = MessageRate::new(since);
+    let mut allowed = state.allowed.clone();
     let mut is_stopped = false;
     loop {
         if sending.is_none() {
@@ -61,6 +65,9 @@ pub(super) async fn serve(
                 let mut events = Vec::new();
                 let outcome = decoder.feed(&buffer[..read], &mut |event| events.push(event));
                 for event in events {
+                    if !messages.count(Instant::now()) {
+                        return Counts::add(&state.counts.too_many);
+                    }
                     match event {
                         Event::Message(message, _) => state.handle(client, *message),
                         Event::Refused(why) => state.refuse(client, &why),
@@ -97,6 +104,11 @@ pub(super) async fn serve(
                     return Counts::add(&state.counts.cut_off);
                 }
                 (since, taken) = (Instant::now(), 0);
+            }
+            Ok(()) = allowed.changed() => {
+                if !admits(&allowed.borrow(), client.address) {
+                    return Counts::add(&state.counts.not_allowed);
+                }
             }
             _ = stopped.changed(), if !is_stopped => is_stopped = true,
         }

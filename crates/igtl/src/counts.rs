@@ -7,10 +7,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct Counts {
     /// Clients served.
     pub served: AtomicU64,
-    /// Connections refused because all slots were taken.
+    /// Connections closed because their address is in no allowed network.
+    pub not_allowed: AtomicU64,
+    /// Connections refused because all slots were taken, or all of their address.
     pub turned_away: AtomicU64,
     /// Clients disconnected because they received too little or too slowly.
     pub cut_off: AtomicU64,
+    /// Clients disconnected because they sent too many messages.
+    pub too_many: AtomicU64,
     /// Clients disconnected because they did not send OpenIGTLink.
     pub nonsense: AtomicU64,
     /// Messages replaced by newer ones before they were sent.
@@ -22,15 +26,43 @@ impl Counts {
         count.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Returns the present counts.
+    pub fn numbers(&self) -> ClientNumbers {
+        let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        ClientNumbers {
+            served: of(&self.served),
+            not_allowed: of(&self.not_allowed),
+            turned_away: of(&self.turned_away),
+            cut_off: of(&self.cut_off),
+            too_many: of(&self.too_many),
+            nonsense: of(&self.nonsense),
+            replaced: of(&self.replaced),
+        }
+    }
+}
+
+/// The counts at a moment, as in [`Counts`].
+#[allow(missing_docs, reason = "documented in Counts")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ClientNumbers {
+    pub served: u64,
+    pub not_allowed: u64,
+    pub turned_away: u64,
+    pub cut_off: u64,
+    pub too_many: u64,
+    pub nonsense: u64,
+    pub replaced: u64,
+}
+
+impl ClientNumbers {
     /// Returns the counts in words, if there were any clients.
     pub fn sentence(&self) -> Option<String> {
-        let [served, away, cut, nonsense, replaced] =
-            [&self.served, &self.turned_away, &self.cut_off, &self.nonsense, &self.replaced]
-                .map(|count| count.load(Ordering::Relaxed));
-        (served + away > 0).then(|| {
+        let Self { served, not_allowed, turned_away, cut_off, too_many, nonsense, replaced } = self;
+        (served + not_allowed + turned_away > 0).then(|| {
             format!(
-                "OpenIGTLink: {served} clients, {away} refused, {cut} disconnected as too slow, {nonsense} for invalid \
-                data; {replaced} messages were replaced by newer ones before they were sent"
+                "OpenIGTLink: {served} clients, {not_allowed} refused as not allowed, {turned_away} as too many, \
+                {cut_off} disconnected as too slow, {too_many} for too many messages, {nonsense} for invalid data; \
+                {replaced} messages were replaced by newer ones before they were sent"
             )
         })
     }

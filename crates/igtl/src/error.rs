@@ -14,6 +14,15 @@ pub enum IgtlError {
         /// The reason.
         source: io::Error,
     },
+    /// Other machines reach the address, and none is allowed.
+    #[error(
+        "cannot listen at {address}, which other machines can reach, as no network is allowed; list the clients' \
+        networks under allow in [igtl], such as [\"192.168.0.0/24\"], or listen at 127.0.0.1"
+    )]
+    NoNetwork {
+        /// The requested address.
+        address: SocketAddr,
+    },
     /// The thread or its event loop cannot be created.
     #[error("cannot start the server's thread: {0}")]
     Thread(io::Error),

@@ -21,11 +21,16 @@
 //!
 //! **Versions.** Header version 1 until a client sends version 2; then that, with metadata.
 //!
+//! **Access.** The server listens on this machine only, unless networks are allowed. It then closes
+//! connections from addresses outside them at once. Commands come from this machine only. The
+//! number of clients, of those of one address, and of a client's messages per second are limited.
+//!
 //! Stages of the session store changes in [`Hub`] and go on; they never wait. One thread,
 //! unknown to the stages, serves all clients. For each client, at most one unsent message of
 //! each name is kept, the newest. A client that receives too little is disconnected, and
 //! counted.
 
+mod admission;
 mod answer;
 mod client;
 pub mod commands;
@@ -44,7 +49,7 @@ mod tests;
 use std::time::Duration;
 
 pub use commands::Commands;
-pub use counts::Counts;
+pub use counts::{ClientNumbers, Counts};
 pub use error::IgtlError;
 pub use hub::Hub;
 pub use server::Server;

@@ -6,6 +6,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+use ipnet::IpNet;
+use tokio::sync::watch;
 use tokio::time::Instant;
 
 use pipeline::session::Snapshot;
@@ -22,6 +24,8 @@ pub(super) struct ServerState {
     pub(super) hub: Arc<Hub>,
     pub(super) commands: Arc<Commands>,
     pub(super) counts: Arc<Counts>,
+    /// Networks whose clients are admitted.
+    pub(super) allowed: watch::Receiver<Vec<IpNet>>,
     pub(super) clients: RefCell<Vec<Rc<Client>>>,
     pub(super) published: RefCell<LastPublished>,
 }

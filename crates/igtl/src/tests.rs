@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
+use ipnet::IpNet;
+
 use drivers::openigtlink::{
     Command, Content, Coordinates, Decoder, Event, Fixed, Image, Limits, Matrix, Message, Pace, Status, Subject, Text,
     TimeStamp, Version,
@@ -27,6 +29,7 @@ use volume::Grid;
 use super::*;
 
 mod bad;
+mod others;
 
 /// A simulated session, as far as a server sees it.
 struct Bench {
@@ -37,11 +40,20 @@ struct Bench {
 }
 
 fn bench() -> Bench {
+    bench_at("127.0.0.1:0", &[])
+}
+
+fn bench_at(address: &str, allowed: &[&str]) -> Bench {
+    let allowed = networks(allowed);
     let (hub, ends) = (Arc::new(Hub::new()), Arc::new(AtomicBool::new(false)));
     let folder = tempfile::tempdir().unwrap();
     let commands = Commands::new(Arc::clone(&ends), Some(folder.path().join("saved")), true);
-    let server = Server::new("127.0.0.1:0".parse().unwrap(), Arc::clone(&hub), Arc::new(commands)).unwrap();
+    let server = Server::new(address.parse().unwrap(), allowed, Arc::clone(&hub), Arc::new(commands)).unwrap();
     Bench { hub, ends, server, folder }
+}
+
+fn networks(texts: &[&str]) -> Vec<IpNet> {
+    texts.iter().map(|text| text.parse().unwrap()).collect()
 }
 
 /// A client that stores received messages.
@@ -399,13 +411,14 @@ fn commands_of_remote_clients_are_refused() {
         hub: Arc::new(Hub::new()),
         commands: Arc::new(Commands::new(Arc::clone(&ends), None, false)),
         counts: Arc::default(),
+        allowed: tokio::sync::watch::channel(networks(&["192.0.2.0/24"])).1,
         clients: RefCell::default(),
         published: RefCell::default(),
     });
-    for (is_local, ended, expected) in
-        [(false, false, "only clients on this machine"), (true, true, "the session ends")]
+    for (address, ended, expected) in
+        [("192.0.2.1", false, "only clients on this machine"), ("127.0.0.1", true, "the session ends")]
     {
-        let client = Rc::new(client::Client::new(is_local));
+        let client = Rc::new(client::Client::new(address.parse().unwrap()));
         let command = Command { id: 9, name: fixed("stop"), text: Text::new("") };
         state.handle(&client, Message::new(fixed("x"), TimeStamp(0), Content::Command(command)));
         let wire = client.next().unwrap();
@@ -414,10 +427,14 @@ fn commands_of_remote_clients_are_refused() {
     }
 }
 
+fn served_at(address: SocketAddr, allowed: &[&str]) -> Result<Server, IgtlError> {
+    let commands = Commands::new(Arc::default(), None, false);
+    Server::new(address, networks(allowed), Arc::new(Hub::new()), Arc::new(commands))
+}
+
 #[test]
 fn taken_address_is_named_in_error() {
     let bench = bench();
-    let again =
-        Server::new(bench.server.address(), Arc::new(Hub::new()), Arc::new(Commands::new(Arc::default(), None, false)));
+    let again = served_at(bench.server.address(), &[]);
     assert!(matches!(again, Err(IgtlError::Taken { address, .. }) if address == bench.server.address()));
 }

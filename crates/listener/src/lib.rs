@@ -1,7 +1,9 @@
 //! A TCP server on a thread of its own: it accepts connections until it is dropped.
 //!
 //! The console and the OpenIGTLink server differ in what they do with a connection. Binding, the
-//! thread, accepting and the end are the same, and are here.
+//! thread, accepting and the end are the same, and are here; so are limits of clients.
+
+mod limits;
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -12,6 +14,8 @@ use tokio::net::TcpStream;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
+
+pub use limits::{MOST_MESSAGES, MessageRate, counted_address};
 
 /// Pause after an accept error, for example when no more files may be opened.
 const PAUSE: Duration = Duration::from_millis(200);

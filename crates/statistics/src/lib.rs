@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-pub use live::LiveStatistics;
+pub use live::{IgtlNumbers, LiveStatistics};
 pub use picture::{PictureNumbers, PictureStatistics};
 pub use process::ProcessNumbers;
 

@@ -18,6 +18,7 @@ use pipeline::session::{
 use sonoweave_core::clock::{Clock, Monotonic};
 
 use super::ended::{Ended, Leave};
+use super::foreign::{refuse_example, refuse_size};
 use super::home::Home;
 use super::options::{Operator, SessionOptions};
 use super::outputs::line;
@@ -117,9 +118,7 @@ impl LiveApp<'_> {
         let [tracking_is, grabber_is] = roles(bedside)?;
         let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
         let Devices { tracking, protocol, at_home, grabber, twins } = opened;
-        if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
-            preset.fits(Some(bedside.grabber.turned(size)), None)?;
-        }
+        refuse_size(bedside, grabber.describe().image_size, self.options.accept_example, self.operator.reporter)?;
         let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
         if let Some(at_home) = at_home {
             // A virtual arm is switched on at home.
@@ -161,6 +160,7 @@ impl LiveApp<'_> {
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
             igtl.send_status(|| line(status));
+            self.publisher.publish_igtl(igtl.numbers());
         }
         self.operator.reporter.status(&|| line(status));
         let mut instructions: Vec<_> = self.controller.commands().into_iter().map(Instruction::from).collect();
@@ -171,6 +171,7 @@ impl LiveApp<'_> {
             self.publisher.reloading();
             instructions.extend(self.reload.instructions(self.operator.reporter, self.viewers.as_ref()));
             self.publisher.reloaded(self.reload.bedside());
+            self.igtl.iter().for_each(|igtl| igtl.allow(&self.reload.bedside().igtl.allow));
         }
         instructions
     }
@@ -195,7 +196,8 @@ impl LiveApp<'_> {
             self.reload.begins_anew();
             let bedside = self.reload.bedside().clone();
             let folder = if next.records { Some(controller.folder()?.to_owned()) } else { None };
-            match self.open(&bedside, folder.as_deref(), Vec::new(), None) {
+            let is_own = refuse_example(&bedside, self.options.accept_example, self.operator.reporter);
+            match is_own.and_then(|()| self.open(&bedside, folder.as_deref(), Vec::new(), None)) {
                 Ok(made) => return Ok(Some(made)),
                 Err(Failure(why)) => {
                     self.operator.reporter.say(&why);

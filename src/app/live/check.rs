@@ -15,6 +15,7 @@ use sonoweave_core::clock::{Clock, Monotonic};
 use sync::StampedPairing;
 
 use super::device::{PATIENCE, Tried, try_out};
+use super::foreign::beyond;
 use crate::app::devices;
 use crate::failure::{Failure, with_remedy};
 
@@ -67,11 +68,12 @@ impl Checked {
     }
 }
 
-/// Opens all devices at the same time, and checks the rest of the configuration.
+/// Opens all devices at the same time, and checks the rest of the configuration. For a trial, an
+/// example of a calibration is `accepted`, with a warning.
 ///
 /// # Errors
 /// [`Failure`] when the devices cannot be created.
-pub(crate) fn check(bedside: &Bedside) -> Result<Report, Failure> {
+pub(crate) fn check(bedside: &Bedside, accepted: bool) -> Result<Report, Failure> {
     let mut devices = devices::open(bedside, Monotonic.now_ns(), false)?;
     let (tracking, grabber) = std::thread::scope(|scope| {
         let other = std::thread::Builder::new().name("grabber".into());
@@ -85,8 +87,11 @@ pub(crate) fn check(bedside: &Bedside) -> Result<Report, Failure> {
         Err(error) => return Err(Failure(format!("cannot start the grabber's thread: {error}"))),
     };
     drop(devices);
-    let mut checks =
-        vec![of_tracking(bedside, &tracking), of_grabber(bedside, &grabber), of_calibration(bedside, &grabber)];
+    let mut checks = vec![
+        of_tracking(bedside, &tracking),
+        of_grabber(bedside, &grabber),
+        of_calibration(bedside, &grabber, accepted),
+    ];
     checks.extend(bedside.record.folder.is_some().then(|| of_recording(bedside, &grabber)));
     checks.extend(bedside.status.listen.is_some().then(|| of_status(bedside)));
     Ok(Report {
@@ -254,7 +259,7 @@ fn rate(checked: &mut Checked, head: &str, seen_hz: Option<f64>, tried: &Tried, 
     }
 }
 
-fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
+fn of_calibration(bedside: &Bedside, grabber: &Tried, accepted: bool) -> Checked {
     let mut checked = Checked::new("calibration");
     let calibration = &bedside.calibration;
     let options = bedside.pairing_options();
@@ -270,6 +275,13 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
             Ok(()) => no_way(bedside),
             Err(missing) => Failure::configuration(missing).0,
         }),
+    }
+    let foreign = |checked: &mut Checked, sentence: String| match accepted {
+        true => checked.doubt(sentence),
+        false => checked.wrong(sentence),
+    };
+    if let Err(error) = bedside.no_example() {
+        foreign(&mut checked, Failure::configuration(error).0);
     }
     if let Some(preset) = &calibration.preset {
         let made = preset.made.map_or(String::new(), |made| format!(", made {made}"));
@@ -303,7 +315,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         Some(([w, h], Ok(plan))) => {
             checked.say(region(bedside, &plan));
             if let Some(sentence) = beyond(bedside, [w, h]) {
-                checked.wrong(sentence);
+                foreign(&mut checked, sentence);
             }
         }
         Some((_, Err(error))) => checked.wrong(error.to_string()),
@@ -322,19 +334,6 @@ fn region(bedside: &Bedside, plan: &mask::MaskPlan) -> String {
         mask::MaskPlan::Fixed(mask) if mask.is_full() => "the whole image is data".into(),
         mask::MaskPlan::Fixed(mask) => format!("{} pixels are data{fan}", mask.area()),
     }
-}
-
-/// Reports a rectangle that extends beyond the image: it belongs to another image size.
-fn beyond(bedside: &Bedside, [width, height]: [u32; 2]) -> Option<String> {
-    let (mask::Clip::Rect(rect) | mask::Clip::RectOrAuto(rect)) = bedside.mask.clip else { return None };
-    let fits = |first: u32, count: u32, all: u32| first.checked_add(count).is_some_and(|end| end <= all);
-    if rect.covers(width, height) || (fits(rect.x, rect.width, width) && fits(rect.y, rect.height, height)) {
-        return None;
-    }
-    Some(format!(
-        "the rectangle of {}×{} pixels from {}, {} reaches beyond the picture of {width}×{height}: the calibration is of another picture; give [grabber] size, or calibrate anew",
-        rect.width, rect.height, rect.x, rect.y
-    ))
 }
 
 /// Explains why no transforms lead from the image to the world.

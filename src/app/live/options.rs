@@ -21,6 +21,8 @@ pub(crate) struct SessionOptions {
     pub(crate) console: Option<SocketAddr>,
     /// Folder for the files of pages, instead of the recording's.
     pub(crate) keep: Option<PathBuf>,
+    /// Whether a calibration that is an example, or of another image size, is accepted.
+    pub(crate) accept_example: bool,
     /// Whether sentences about the session's course are left out.
     pub(crate) quiet: bool,
     /// Kind of the session, for pages.

@@ -11,6 +11,7 @@ use pipeline::control::SessionController;
 
 use super::app::LiveApp;
 use super::ended::Leave;
+use super::foreign::refuse_example;
 use super::home::Home;
 use super::options::{Operator, SessionOptions};
 use super::reload::Reload;
@@ -56,6 +57,7 @@ pub(crate) fn session(
     operator: &Operator<'_>,
     leave: Leave<'_>,
 ) -> Result<Option<PathBuf>, Failure> {
+    refuse_example(bedside, options.accept_example, operator.reporter)?;
     let quit = quit_on_signal()?;
     let reload = Reload::new(bedside)?;
     let policy = policy(bedside)?;
@@ -69,7 +71,7 @@ pub(crate) fn session(
         policy.granted().why.iter().for_each(|why| reporter.say(why));
         publisher.address().iter().for_each(|address| reporter.say(&format!("console: {address}")));
     }
-    let igtl = options.sharing.begin(&quit, *reporter, options.quiet)?;
+    let igtl = options.sharing.begin(&bedside.igtl.allow, &quit, *reporter, options.quiet)?;
     igtl.iter().for_each(|igtl| igtl.control(&controller));
     let broadcaster = publisher.broadcaster();
     let viewers = Viewers::of(&bedside.picture, display.as_ref(), *keeps_picture, broadcaster.as_ref());

@@ -14,6 +14,7 @@ use pipeline::session::{SchedulingPolicy, SessionStatus};
 use reconstruct::kernel::AxisKernel;
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::date::Date;
+use statistics::IgtlNumbers;
 
 use crate::app::service::Service;
 use crate::failure::Failure;
@@ -113,6 +114,11 @@ impl StatusPublisher {
     pub(super) fn reloaded(&mut self, bedside: &Bedside) {
         self.latest.adopt(basis(bedside, self.kind));
         self.service.reloaded();
+    }
+
+    /// Publishes the numbers of the OpenIGTLink server.
+    pub(crate) fn publish_igtl(&self, numbers: IgtlNumbers) {
+        self.latest.publish_igtl(numbers);
     }
 
     /// Publishes the final status.

@@ -83,7 +83,7 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
     let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let quit = quit_on_signal()?;
-    let mut igtl = sharing.begin(&quit, reporter, false)?;
+    let mut igtl = sharing.begin(&[], &quit, reporter, false)?;
     let began = Instant::now();
     let is_rendered = outputs.picture.is_some() || series.is_some();
     let gallery = is_rendered.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));

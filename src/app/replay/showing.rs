@@ -80,7 +80,7 @@ pub(crate) fn run(
     let listen = Listen { address, access: bedside.status.access.clone() };
     let publisher = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &controller)?;
     publisher.address().iter().for_each(|address| reporter.say(&format!("console: {address}")));
-    let igtl = request.sharing.begin(&quit, reporter, false)?;
+    let igtl = request.sharing.begin(&[], &quit, reporter, false)?;
     let viewers =
         Viewers::of(&bedside.picture, None, request.outputs.picture.is_some(), publisher.broadcaster().as_ref());
     Showing { request, quit, controller, publisher, viewers, igtl, reel, reporter }.run(leave)
@@ -195,6 +195,7 @@ impl Showing<'_> {
         self.publisher.publish(status, line, quits);
         if let Some(igtl) = &mut self.igtl {
             igtl.send_status(|| line(status));
+            self.publisher.publish_igtl(igtl.numbers());
         }
         if quits { vec![Command::Stop.into()] } else { Vec::new() }
     }

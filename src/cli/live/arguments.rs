@@ -34,6 +34,10 @@ pub(super) struct SessionArguments {
     /// the recording's folder, or none]
     #[arg(long, value_name = "DIR")]
     pub(super) keep: Option<PathBuf>,
+    /// For trials: accept a calibration file that is an example, or whose rectangle reaches beyond
+    /// the grabber's image. The slices' positions are then wrong
+    #[arg(long, requires = "config")]
+    pub(super) accept_example: bool,
     /// Print no progress
     #[arg(long)]
     pub(super) quiet: bool,
@@ -53,6 +57,7 @@ impl SessionArguments {
             resume: self.resume.clone(),
             console: self.console,
             keep: self.keep.clone(),
+            accept_example: self.accept_example,
             quiet: self.quiet,
             kind: "live",
             sharing: self.sharing.sharing(),

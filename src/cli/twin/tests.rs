@@ -214,3 +214,33 @@ fn words_formats_commands() {
         "{said}"
     );
 }
+
+#[test]
+fn packets_of_bytes_arrive_together() {
+    let arrivals = |flags: &str| {
+        let mut apart = Vec::new();
+        let said = playing(flags, |link, _, _| {
+            let port = TrackerPort::Serial { path: link.into(), baud: Some(115_200) };
+            let settings = Settings { stations: vec![1], ..Settings::default() };
+            let settings =
+                OpenSettings::Tracker(TrackerSettings { model: Model::Liberty, port, settings, keeps_raw: false });
+            let times = readings(&settings, 120).into_iter().map(|reading| match reading {
+                Reading::Pose(pose) => pose.stamp.host_ns.unwrap(),
+                other => panic!("{other:?}"),
+            });
+            let times: Vec<i64> = times.collect();
+            apart = times.windows(2).map(|two| two[1] - two[0]).collect();
+        });
+        (apart, said)
+    };
+    // At 240 a second, fifty of them arrive within 208 ms, and with one packet in 100 ms most of
+    // them with another one.
+    let (apart, said) = arrivals("liberty --packets 100");
+    let together = apart.iter().filter(|ns| **ns < MS).count();
+    assert!(together * 4 > apart.len() * 3, "{together} of {}", apart.len());
+    assert!(said.contains("packets every 100 ms"), "{said}");
+    for flag in ["--packets=-1", "--packets nan"] {
+        let why = refusal(&format!("liberty {flag}"));
+        assert!(why.contains("packets"), "{why}");
+    }
+}

@@ -83,6 +83,7 @@ impl Bedside {
         self.grabber.latency_ns = newer.grabber.latency_ns;
         self.scanner = newer.scanner;
         self.picture = newer.picture.clone();
+        self.igtl = newer.igtl.clone();
         self.record.keep_free_bytes = newer.record.keep_free_bytes;
     }
 }

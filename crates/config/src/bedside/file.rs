@@ -17,7 +17,7 @@ use super::reader::{Effective, Reader};
 use super::remote::Remote;
 use super::schema::values::TextOr;
 use super::schema::{self, FORMAT, VERSION};
-use super::session::{Pairing, Process, Record, Scanner, Status};
+use super::session::{Igtl, Pairing, Process, Record, Scanner, Status};
 use super::virtual_bedside::{self, VirtualBedside};
 use super::volume::{Picture, Volume};
 use crate::error::Error;
@@ -53,6 +53,8 @@ pub struct Bedside {
     pub record: Record,
     /// Publication of the session's status.
     pub status: Status,
+    /// The OpenIGTLink server.
+    pub igtl: Igtl,
     /// The session among other programs.
     pub process: Process,
     /// The virtual bedside, if a device belongs to it.
@@ -172,6 +174,7 @@ impl Bedside {
         let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?, texts)?;
         let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
         let status = Status::read(Reader::new(path, Some(root), "status", &mut effective)?)?;
+        let igtl = Igtl::read(Reader::new(path, Some(root), "igtl", &mut effective)?)?;
         let process = Process::read(Reader::new(path, Some(root), "process", &mut effective)?)?;
         let (path, kind) = (path.to_owned(), Kind::Bedside);
         Ok(Self {
@@ -187,6 +190,7 @@ impl Bedside {
             picture,
             record,
             status,
+            igtl,
             process,
             virtual_bedside,
             effective,

@@ -47,7 +47,7 @@ pub use file::Bedside;
 pub use reader::Effective;
 pub use remote::Remote;
 pub use schema::{FORMAT, VERSION};
-pub use session::{Access, Pairing, Process, Realtime, Record, Scanner, Status};
+pub use session::{Access, Igtl, Pairing, Process, Realtime, Record, Scanner, Status};
 pub use settings_override::{Setting, SettingsOverride};
 pub use virtual_bedside::VirtualBedside;
 pub use volume::{Picture, Volume};
@@ -114,6 +114,18 @@ impl Bedside {
     pub fn calibrated(&self) -> Result<(), Error> {
         if self.calibration.transforms.is_empty() {
             return Err(Error::Uncalibrated { path: self.path.clone() });
+        }
+        Ok(())
+    }
+
+    /// Checks that the calibration file is no example. Calibration commands run with one.
+    ///
+    /// # Errors
+    /// [`Error::Example`] when its provenance contains that word.
+    pub fn no_example(&self) -> Result<(), Error> {
+        let Settings { path: Some(path), provenance, .. } = &self.calibration else { return Ok(()) };
+        if self.calibration.is_example() {
+            return Err(Error::Example { path: path.clone(), provenance: provenance.clone() });
         }
         Ok(())
     }

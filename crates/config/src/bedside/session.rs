@@ -1,7 +1,9 @@
-//! Session settings: pairing of frames with poses, recording, and status.
+//! Session settings: pairing of frames with poses, recording, status, and viewers.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
+
+use ipnet::IpNet;
 
 use calibration::file::preset::{Preset, Ruler};
 
@@ -102,6 +104,26 @@ impl Status {
     }
 }
 
+/// The OpenIGTLink server.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Igtl {
+    /// Networks of other machines that may connect; none: only this machine.
+    pub allow: Vec<IpNet>,
+}
+
+impl Igtl {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
+        let schema::session::Igtl { allow } = keys.read()?;
+        let networks = allow
+            .iter()
+            .enumerate()
+            .map(|(n, text)| values::network(text).map_err(|why| keys.error(&format!("allow[{n}]"), why.to_string())));
+        let allow = networks.collect::<Result<Vec<_>, _>>()?;
+        keys.note("allow", &allow.iter().map(IpNet::to_string).collect::<Vec<_>>());
+        Ok(Self { allow })
+    }
+}
+
 /// Parses a machine's name or address, as browsers write it.
 fn host_name(text: &str) -> Result<String, String> {
     let name = text.to_ascii_lowercase();
@@ -131,5 +153,64 @@ impl Process {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
         let schema::session::Process { realtime } = keys.read()?;
         Ok(Self { realtime: realtime.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::Bedside;
+
+    fn with_allow(list: &str) -> Result<Bedside, String> {
+        let text = format!(
+            "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n\
+             [grabber]\ndevice = \"virtual\"\n[igtl]\nallow = {list}\n"
+        );
+        Bedside::parse(Path::new("bed.toml"), &text).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn allowed_networks_are_read_in_any_notation() {
+        let read =
+            |list: &str| with_allow(list).unwrap().igtl.allow.iter().map(ToString::to_string).collect::<Vec<_>>();
+        assert_eq!(read("[]"), [""; 0]);
+        let all = "[\"192.168.0.0/24\", \" 10.1.2.3 \", \"fd00:0:0:1::/64\", \"::ffff:172.16.0.0/108\", \"::1\"]";
+        assert_eq!(read(all), ["192.168.0.0/24", "10.1.2.3/32", "fd00:0:0:1::/64", "172.16.0.0/12", "::1/128"]);
+        assert_eq!(read("[\"0.0.0.0/1\"]"), ["0.0.0.0/1"]);
+    }
+
+    #[test]
+    fn wrong_networks_are_refused_with_remedy() {
+        for (text, expected) in [
+            ("the ward", "\"the ward\" is not a network; give an address and the number of its leading bits, such as"),
+            ("192.168.0.0/33", "is not a network"),
+            ("192.168.0.0/255.255.255.0", "is not a network"),
+            ("192.168.0", "is not a network"),
+            ("", "\"\" is not a network"),
+            ("192.168.0.7/24", "give \"192.168.0.0/24\" for the network, or \"192.168.0.7\" for the one machine"),
+            ("fd00::7/64", "give \"fd00::/64\" for the network, or \"fd00::7\""),
+            ("0.0.0.0/0", "\"0.0.0.0/0\" holds all addresses, so that everybody would be admitted"),
+            ("::/0", "holds all addresses"),
+            ("::ffff:0.0.0.0/96", "holds all addresses"),
+        ] {
+            let error = with_allow(&format!("[\"127.0.0.1\", \"{text}\"]")).err().unwrap_or_else(|| panic!("{text}"));
+            assert!(error.starts_with("bed.toml: igtl.allow[1] (line 9): ") && error.contains(expected), "{error}");
+        }
+        for (list, expected) in [("\"10.0.0.0/8\"", "must be a list of texts"), ("[10]", "must be a text")] {
+            let error = with_allow(list).err().unwrap();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn changed_networks_are_adopted_at_once() {
+        let [mut running, same, other] =
+            ["[\"10.1.2.3\"]", "[\"10.1.2.3/32\"]", "[\"10.0.0.0/8\"]"].map(|list| with_allow(list).unwrap());
+        assert!(running.changes(&same).is_empty(), "another notation is no change");
+        let changes = running.changes(&other);
+        assert_eq!((changes.at_once[0].key.as_str(), changes.next_session.len()), ("igtl.allow", 0));
+        running.adopt(&other);
+        assert_eq!(running.igtl, other.igtl);
     }
 }

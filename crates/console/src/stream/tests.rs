@@ -122,7 +122,9 @@ impl Client {
     }
 
     fn picture(&mut self) -> Vec<u8> {
-        loop {
+        let begun = Instant::now();
+        // A static picture is repeated after some seconds.
+        while begun.elapsed() < Duration::from_secs(30) {
             if !self.pictures.is_empty() {
                 return self.pictures.remove(0);
             }
@@ -132,6 +134,7 @@ impl Client {
                 other => panic!("{other:?}"),
             }
         }
+        panic!("no picture came");
     }
 
     /// Returns the pictures received until two more status messages: half a second for a page

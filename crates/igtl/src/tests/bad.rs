@@ -64,7 +64,7 @@ fn thousand_silent_connections_do_not_delay_session() {
         std::thread::sleep(Duration::from_millis(10));
     }
     assert!(
-        counts.served.load(Ordering::Relaxed) <= 32 && counts.turned_away.load(Ordering::Relaxed) > 900,
+        counts.served.load(Ordering::Relaxed) <= 8 && counts.turned_away.load(Ordering::Relaxed) > 900,
         "{counts:?}"
     );
     drop(idle);
@@ -124,11 +124,12 @@ fn endless_volume_requests_are_rate_limited() {
     let (ends, made, thread) = making(&bench.hub, [5, 4, 3]);
     let mut peer = Peer::at(bench.server.address());
     let begun = Instant::now();
+    // As many as a client may send in a second.
     while begun.elapsed() < Duration::from_secs(1) {
-        for _ in 0..100 {
+        for _ in 0..6 {
             peer.get("IMAGE", "Volume_Reference");
         }
-        std::thread::sleep(Duration::from_millis(1));
+        std::thread::sleep(Duration::from_millis(20));
     }
     let made = *made.lock().unwrap();
     assert!((2..=8).contains(&made), "{made} in a second");

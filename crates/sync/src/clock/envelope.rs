@@ -119,9 +119,9 @@ impl Block {
     fn note(&mut self, delay: i64) {
         self.least = match self.least {
             [None, _] => [Some(delay), None],
-            [Some(least), _] if delay < least - STEP_NS => [Some(delay), Some(least)],
+            [Some(least), _] if delay < least.saturating_sub(STEP_NS) => [Some(delay), Some(least)],
             [Some(least), next] if delay <= least => [Some(delay), next],
-            [Some(least), next] if delay > least + STEP_NS => {
+            [Some(least), next] if delay > least.saturating_add(STEP_NS) => {
                 [Some(least), Some(next.map_or(delay, |next| next.min(delay)))]
             }
             same => same,
@@ -130,7 +130,7 @@ impl Block {
 
     /// Difference between the least delay and the next different one; 0 if there is only one.
     fn step(&self) -> i64 {
-        if let [Some(least), Some(next)] = self.least { next - least } else { 0 }
+        if let [Some(least), Some(next)] = self.least { next.saturating_sub(least) } else { 0 }
     }
 }
 
@@ -326,12 +326,15 @@ impl Envelope {
         let end = self.end();
         let limit = self.limit_ppb as f64 * 1e-9;
         let spread = spread_ns as f64;
-        let by_limit = spread + 2.0 * limit * (end - last.x) as f64;
+        // The end of the last block may lie beyond the range of points.
+        let [from_first, from_last] = [first, last].map(|touch| end.saturating_sub(touch.x));
+        let by_limit = spread + 2.0 * limit * from_last as f64;
         let (bound, growth) = if line.is_limited() {
             (by_limit, 2.0 * limit)
         } else {
-            let growth = spread / (last.x - first.x) as f64;
-            let by_touches = spread * (end - first.x).max(last.x - first.x) as f64 / (last.x - first.x) as f64;
+            let apart = last.x - first.x;
+            let growth = spread / apart as f64;
+            let by_touches = spread * from_first.max(apart) as f64 / apart as f64;
             (by_touches.min(by_limit), growth.min(2.0 * limit))
         };
         self.doubt = ClockUncertainty {

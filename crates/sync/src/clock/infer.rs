@@ -99,6 +99,7 @@ impl Inference {
             late.saturating_add(if late > 0 { within } else { sooner }).div_euclid(period)
         };
         let later = periods(next);
+        let passed_ns = time_ns.saturating_sub(last_ns);
         let plain = Inferred { tick: next, ..Inferred::default() };
         let inferred = if later < 0 {
             let unlost = self.gap.take().map(|gap| (gap.without_loss + i64::from(gap.since), gap.lost));
@@ -108,20 +109,20 @@ impl Inference {
                     Inferred { tick, open, missing: -lost, ..plain }
                 }
                 _ if later >= -2 => Inferred { tick: next + later, open: -later, repeated: true, ..plain },
-                _ => return Inferred { open: -later, impossible: true, ..plain },
+                _ => return Inferred { open: later.saturating_neg(), impossible: true, ..plain },
             }
         } else if later == 0 {
             self.late = 0;
             plain
-        } else if later > self.packets && time_ns.saturating_sub(last_ns).saturating_mul(2) > period.saturating_mul(3) {
-            let passed = (time_ns - last_ns).saturating_add(half) / period - 1;
+        } else if later > self.packets && passed_ns.saturating_mul(2) > period.saturating_mul(3) {
+            let passed = passed_ns.saturating_add(half) / period - 1;
             let lost = later.min(passed.max(1));
             // A gap that follows another uncertain one is part of it.
             let gap = self.gap.unwrap_or(Gap { without_loss: next, since: 0, begun_ns: time_ns, lost: 0 });
             self.gap = Some(Gap { lost: gap.lost + lost, begun_ns: time_ns, ..gap });
             self.late = 0;
             Inferred { tick: next + lost, open: later, missing: lost, ..plain }
-        } else if time_ns.saturating_sub(last_ns) < half {
+        } else if passed_ns < half {
             // A buffer is being emptied.
             self.late = 0;
             Inferred { open: later, ..plain }

@@ -260,7 +260,7 @@ impl ClockMap {
             flags |= TimeFlags::REPEATED;
         } else if self.settings.ticks == Ticks::Measurements && tick > last.0 + 1 {
             flags |= TimeFlags::GAP;
-            missing = tick - last.0 - 1;
+            missing = tick.saturating_sub(last.0) - 1;
         }
         if self.enter(host_ns, (tick, time_ns)) {
             flags |= TimeFlags::STEP;

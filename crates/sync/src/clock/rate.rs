@@ -3,11 +3,11 @@
 
 use sonoweave_core::Ticks;
 
-use super::settings::UNKNOWN_PPM;
+use super::settings::{LONGEST_NS, UNKNOWN_PPM};
 use super::{BOOTSTRAP, ClockMap, Origin, Sample, limit_ppb};
 
 /// Accepted times between ticks, ns.
-const PERIODS_NS: std::ops::RangeInclusive<f64> = 1.0..=2e9;
+const PERIODS_NS: std::ops::RangeInclusive<f64> = 1.0..=LONGEST_NS;
 /// A given rate is accepted if it differs from that of the first records by less than this
 /// fraction.
 const NEAR: f64 = 0.25;

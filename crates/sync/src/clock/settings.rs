@@ -2,6 +2,8 @@
 
 use sonoweave_core::{Ticks, Timing};
 
+use super::envelope::FREE_PPB;
+
 /// Largest drift of a device's clock if its rate is known, ppm. Crystals keep within 100 ppm,
 /// their makers' figures within a few hundred.
 pub(super) const KNOWN_PPM: f64 = 500.0;
@@ -10,7 +12,10 @@ const NOMINAL_PPM: f64 = 2_000.0;
 /// The same for video, whose rate is that of its source.
 const VIDEO_PPM: f64 = 20_000.0;
 /// The same if only the first records give the rate.
-pub(super) const UNKNOWN_PPM: f64 = 300_000.0;
+pub(super) const UNKNOWN_PPM: f64 = FREE_PPB as f64 / 1e3;
+/// Longest time between ticks, ns. At the steepest slope its rate is still an i64 in 2⁻³² ns.
+pub(super) const LONGEST_NS: f64 = 1.6e9;
+const _: () = assert!(LONGEST_NS * (1.0 + UNKNOWN_PPM * 1e-6) * 4_294_967_296.0 < i64::MAX as f64);
 
 /// Settings of a clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +36,7 @@ impl ClockSettings {
     /// Settings from the device's own timing. `latency_ns` is the configured or calibrated
     /// latency beyond it.
     pub fn new(timing: &Timing, latency_ns: i64) -> Self {
-        let usable = |hz: &f64| hz.is_finite() && (0.5..=1e9).contains(hz);
+        let usable = |hz: &f64| (1e9 / LONGEST_NS..=1e9).contains(hz);
         let (tick_hz, slope_ppm) = match (timing.ticks, timing.tick_hz.filter(usable), timing.rate_hz.filter(usable)) {
             (Ticks::None, _, Some(hz)) => (Some(hz), NOMINAL_PPM),
             (Ticks::Time | Ticks::Measurements, Some(hz), _) => (Some(hz), KNOWN_PPM),

@@ -360,6 +360,8 @@ fn error_is_a_tenth_of_least_squares() {
     }
 }
 
+mod range;
+
 mod anything {
     use super::*;
     use proptest::prelude::*;

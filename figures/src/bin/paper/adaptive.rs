@@ -78,11 +78,10 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<()
             Panel::new("difference from all rays", x(), Axis::log("grey levels, root mean square"), errors),
         ],
     };
-    report.claim(
+    report.checked_claim(
         ["C16", "image-adaptive rays (Levoy 1990)", "the density of rays follows the change of the image; no count"],
         format!("{}; ε = 0 is every ray", summaries.join("; ")),
-        true,
-        ["confirmed; every picture is the bits of one made at once", ""],
+        "confirmed; every picture is the bits of one made at once",
     );
     report.figure(figure, folder)
 }

@@ -216,7 +216,7 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
         );
     }
     let mb = |bytes: u64| bytes as f64 / 1e6;
-    report.claim(
+    report.checked_claim(
         ["C13", "linear: N samples; 2-level: N + N/p; 1-level: N/p, p resampled for one", "three schemes, N from 16 to 256"],
         format!(
             "{samples} samples of {rays} rays in blocks of {arity}: {:.1} MB, {:.1} and {:.2} MB; the formula has {:.1}, {:.1} and {:.2}, ends of rays and tables apart; all pictures \
@@ -228,8 +228,7 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
             mb(ENTRY_BYTES * (samples + samples / arity)),
             mb(ENTRY_BYTES * samples / arity)
         ),
-        true,
-        ["confirmed, and made exact", ""],
+        "confirmed, and made exact",
     );
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Results of a run: figures, claims with ours beside them, and failed checks.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::fs;
@@ -21,6 +22,8 @@ pub(crate) struct Claim {
 pub(crate) struct Report {
     findings: Findings,
     claims: Vec<Claim>,
+    /// Checks by the claim that they belong to: failed and passed.
+    checks: BTreeMap<String, [u32; 2]>,
 }
 
 impl Report {
@@ -40,8 +43,19 @@ impl Report {
         self.claims.push(Claim { id, claim, paper, ours, verdict: if holds { yes } else { no } });
     }
 
-    /// Same as [`Findings::check`].
+    /// Adds a claim that holds if its checks were made and all of them have passed.
+    pub(crate) fn checked_claim(&mut self, [id, claim, paper]: [&'static str; 3], ours: String, yes: &'static str) {
+        let [failed, passed] = self.checks.get(id).copied().unwrap_or_default();
+        self.claim([id, claim, paper], ours, failed == 0 && passed > 0, [yes, "not confirmed: a check has failed"]);
+    }
+
+    /// Same as [`Findings::check`]. The text begins with the claim that the check belongs to, if
+    /// there is one, and a colon.
     pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
+        let what = what.into();
+        if let Some((id, _)) = what.split_once(": ") {
+            self.checks.entry(id.to_owned()).or_default()[usize::from(holds)] += 1;
+        }
         self.findings.check(holds, what);
     }
 

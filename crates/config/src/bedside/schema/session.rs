@@ -1,4 +1,4 @@
-//! Sections of the session: calibration, pairing, scanner, recording, status and process.
+//! Sections of the session: calibration, pairing, scanner, recording, status, viewers and process.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -112,6 +112,19 @@ pub(crate) struct Status {
     /// Further names of this machine, besides its own addresses and the certificate's names
     #[schemars(extend("x-takes" = "a list of names or addresses"))]
     pub(crate) names: Vec<String>,
+}
+
+/// The OpenIGTLink server for viewers such as 3D Slicer, which the flag `--igtl` starts
+#[derive(Debug, SmartDefault, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub(crate) struct Igtl {
+    /// Networks of other machines that may connect; 127.0.0.1 and ::1 always may. Without networks,
+    /// the server listens on this machine only. A network of all addresses is refused
+    #[schemars(extend(
+        "x-takes" = "a list of networks or addresses, such as [\"192.168.0.0/24\", \"fd00::/64\"]",
+        "x-at-once" = true
+    ))]
+    pub(crate) allow: Vec<String>,
 }
 
 /// The session's priority among the machine's programs
