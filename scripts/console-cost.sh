@@ -5,8 +5,8 @@
 # share of a core is printed.
 #
 # Each takes SECONDS_EACH, 60 by default. Nothing else should run meanwhile. SONOWEAVE names another
-# program than the one that cargo builds. The script fails if the attack made the session lose or
-# drop anything that it did not lose without, or if the p99 of capture to volume grew by more than
+# program than the one that cargo builds. The script fails if the attacked session loses or drops
+# anything that the other does not. It fails, too, if the p99 of capture to volume grows by more than
 # P99_GROWTH_MS (20 by default, the project's target for the whole way).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -49,8 +49,8 @@ end
 begin calm
 python3 scripts/console-attack.py "$address" "$seconds" "$session" --calm >"$folder/calm-page.json"
 end
-# Attackers are other machines in practice. Here they take their share of the processors, too, at the
-# session's own priority.
+# Attackers are other machines in practice. Here they take their share of the processors, too, at
+# the session's own priority.
 begin attacked
 python3 scripts/console-attack.py "$address" "$seconds" "$session" >"$folder/attacked-page.json"
 curl --silent --fail --max-time 20 "http://$address/metrics" | grep '^sonoweave_console' || true
