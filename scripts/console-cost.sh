@@ -6,8 +6,8 @@
 #
 # Each takes SECONDS_EACH, 60 by default. Nothing else should run meanwhile. SONOWEAVE names another
 # program than the one that cargo builds. The script fails if the attacked session loses or drops
-# anything that the other does not. It fails, too, if the p99 of capture to volume grows by more than
-# P99_GROWTH_MS (20 by default, the project's target for the whole way).
+# anything that the other does not. It fails, too, if the p99 of capture to volume grows by more
+# than P99_GROWTH_MS (20 by default, the project's target for the whole way).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -16,6 +16,10 @@ const NEAR: f32 = 4.0;
 const LEAST_SHARE: f64 = 0.2;
 /// Largest spread of the border's 3×3 means, levels. A border is even; a picture is not.
 const MOST_SPREAD: f32 = 3.0;
+/// Brightest border and most noise of it, 8-bit grey levels: twice the black level of analogue
+/// grabbers, and a quarter more than their noise. A rim beyond them is picture.
+const MOST_LEVEL: f32 = 48.0;
+const MOST_NOISE: f32 = 5.0;
 /// A median absolute deviation of 1 is this standard deviation, for normal noise.
 const MAD: f32 = 1.4826;
 
@@ -44,7 +48,7 @@ impl BorderLevel {
     /// Estimates the border. `smooth` and `smooth_change` are the 3×3 means of the moments.
     ///
     /// # Errors
-    /// [`UnsureReason::NoBorder`] if the rim has no even level.
+    /// [`UnsureReason::NoBorder`] if the rim has no even level, or is too bright or noisy.
     pub(super) fn estimate(
         moments: &Moments,
         smooth: &Plane,
@@ -68,6 +72,9 @@ impl BorderLevel {
         let change = smooth_change.map(|change| spread(&of(change)));
         // A frozen scanner's noise does not change, but it still differs between pixels.
         let noise = change.map_or(0.0, |[change, _]| change.sqrt()).max(pixel_spread);
+        if level > MOST_LEVEL || noise > MOST_NOISE {
+            return Err(UnsureReason::NoBorder { share });
+        }
         Ok(Self { level, noise, pixel_spread, window_spread, change })
     }
 
