@@ -15,10 +15,11 @@ mod target;
 use std::path::Path;
 use std::time::Instant;
 
-use calibration::file::preset::Quality;
+use calibration::file::record::Quality;
 use calibration::phantom::file::Registration;
 use calibration::probe::errors::Errors;
 use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate, next};
+use calibration::tracker::noise::TrackerNoise;
 use config::Settings as Config;
 use config::phantom::PhantomSettings;
 use sonoweave_core::frames::Transform;
@@ -112,20 +113,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .then(|| reproducibility(&seen.observations, found.size_px, &found.refined.plane, without));
     let validation = validate.as_deref().map(Input::of).transpose()?;
     let phantom_input = Input::of(phantom)?;
-    let preset = arguments.preset(Made {
-        probe_from_image: found.refined.probe_from_image(),
-        size_px: found.size_px,
-        quality: quality(&found),
-        covariance: found.refined.covariance(),
-        inputs: [Some(&input), Some(&phantom_input), validation.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(Input::listed)
-            .collect(),
-    });
+    let registration = registration.as_deref().map(Input::of).transpose()?;
+    let origin = outputs
+        .origin([Some(&input), Some(&phantom_input), registration.as_ref(), validation.as_ref()].into_iter().flatten());
     let next = found.next_view(&layout, seen.recording(), next::pictures(found.used()));
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_sd_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
+    let result = arguments.result(Made {
+        probe_from_image: found.refined.probe_from_image(),
+        provenance,
+        size_px: found.size_px,
+        quality: quality(&found),
+        covariance: found.refined.covariance(),
+        origin,
+        latency,
+    })?;
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
         .with_times(searched_s, solved_s)
@@ -133,21 +135,23 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .with_next(next.as_ref())
         .with_lag(lag);
     let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?, *limit));
-    outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, latency, &report, page)?;
+    outputs.write_probe(result, &report, page)?;
     let next = next.as_ref().map_or(String::new(), report::next_line);
     print(&(text(&found, &layout) + &next + &of_lag + &outputs.summary()))
 }
 
-/// Returns the quality numbers that a preset keeps.
+/// Returns the quality numbers that the file keeps.
 fn quality(found: &Calibration) -> Quality {
     let [centre_mm, corner_mm] = report::predicted_ends(found);
     let both = |errors: &Errors| [errors.mean, errors.sd];
+    let scatter = found.refined.scatter;
     Quality {
         frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
         error_mm: both(&found.errors[0]),
         validation_error_mm: found.validation.as_ref().map(|[middle, _]| both(middle)),
         centre_mm,
         corner_mm,
+        sensors: Some(TrackerNoise { position_mm: scatter.position_mm, rotation_deg: scatter.turn_rad.to_degrees() }),
     }
 }
 

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use calibration::error::{CalibrationError, TrackerError};
 use calibration::file::CalibrationFile;
+use calibration::file::origin::Origin;
 use calibration::tracker::distortion::{self, Map, Pair};
 use calibration::tracker::noise::{self, Noise};
 use calibration::tracker::zones::Zones;
@@ -30,12 +31,13 @@ const USUAL_CELLS: f64 = 200.0;
 /// Flags of `calibrate tracker`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Noise: lay a sensor down, let go of it, and record for ten seconds.
+Noise: lay a sensor down, let go of it, and record for ten seconds. With -o the noise goes into the calibration file, \
+and counts in the error of measurements.
 A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through the \
 whole scanning area. Where the sensors' distance changes, metal distorts the field; do not scan there, or remove the \
 metal. With -o these zones go into the calibration file, and `live` warns when the probe is in one.
 
-Examples: sonoweave calibrate tracker --live bedside.toml
+Examples: sonoweave calibrate tracker --live bedside.toml -o calibration.toml
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml \
 --report room.json")]
@@ -123,13 +125,6 @@ struct CellReport {
 /// [`Failure`] when the recording does not determine the result.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recording = arguments.recording(&arguments.tracker);
-    if arguments.other.is_none() && arguments.outputs.changes_file() {
-        return Err(Failure(
-            "--output: a sensor's noise is not part of a calibration file, only a map of the room (--other); leave it \
-            out"
-            .into(),
-        ));
-    }
     arguments.outputs.check(&[recording.path()], false)?;
     let made = gathered(&recording, |tracks| match &arguments.other {
         None => Ok(stillness(&poses(&recording, tracks, recording.path())?)),
@@ -205,9 +200,13 @@ impl Arguments {
         let found = noise::of(&poses, seconds)
             .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also())))?;
         let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = found;
+        let input = Input::of(recording.path())?;
+        let provenance = format!("{} of {}, {position_rms_mm:.3} mm", self.sensor, input.name());
+        let origin = self.outputs.origin([&input]);
+        let noise = found.per_axis();
         let report = NoiseReport {
             kind: "tracker_noise",
-            input: Input::of(recording.path())?,
+            input,
             sensor: &self.sensor,
             poses: &read.counts,
             position_mm: found.position_mm.to_array(),
@@ -218,7 +217,12 @@ impl Arguments {
             fast_rms_mm,
             farthest_mm,
         };
-        self.outputs.write_changed(|_| {}, &report)?;
+        let change = |file: &mut CalibrationFile| {
+            file.tracker_noise = Some(noise);
+            originates(file, "Noise", &provenance);
+            file.originates("tracker_noise", origin);
+        };
+        self.outputs.write_changed(change, &report)?;
         print(&(self.of_noise(read, &found) + &self.outputs.summary()))
     }
 
@@ -273,6 +277,8 @@ impl Arguments {
         });
         let input = Input::of(recording.path())?;
         let zones = Zones::of(&map, self.limit, Date::today());
+        // The zones themselves hold the day.
+        let origin = Origin { made: None, ..self.outputs.origin([&input]) };
         let provenance = format!("{} of {} cells, by {}", zones.count(), map.cells.len(), input.name());
         let report = MapReport {
             kind: "tracker_map",
@@ -293,6 +299,7 @@ impl Arguments {
         let change = |file: &mut CalibrationFile| {
             file.distortion = Some(zones);
             originates(file, "Distortion", &provenance);
+            file.originates("distortion", origin);
         };
         self.outputs.write_changed(change, &report)?;
         print(&(self.of_map(other, between, &map) + &self.outputs.summary()))

@@ -75,11 +75,14 @@ impl Work<'_> {
         let results = Results { touched, counts: &recorded.counts, tip_sd_mm: self.arguments.tip_sd_mm };
         let input = Input::of(self.session)?;
         let provenance = format!("{} in {}, {:.3} mm", touched.words(), input.name(), fitted.rms_mm);
+        let plate = self.arguments.places.file().map(|path| Input::of(path)).transpose()?;
+        let origin = self.arguments.outputs.origin([Some(&input), plate.as_ref()].into_iter().flatten());
         let text = results.of_fit(&fitted, &reach, &options);
         let report = FitReport::new(input, &results, &fitted, &reach, self.arguments.limit);
         let change = |file: &mut CalibrationFile| {
             (file.arm, file.arm_fit_rms_mm) = (Some(fitted.arm), Some(fitted.rms_mm));
             originates(file, "Arm", &provenance);
+            file.originates("arm", origin);
         };
         self.arguments.outputs.write_changed(change, &report)?;
         print(&(text + &self.arguments.outputs.summary()))

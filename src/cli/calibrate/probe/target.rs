@@ -11,9 +11,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use calibration::error::{CalibrationError, ProbeError};
-use calibration::file::preset::Quality;
+use calibration::file::record::Quality;
+use calibration::probe::target::refine::Scatter;
 use calibration::probe::target::{Calibration, Seen, Target, calibrate};
 use calibration::probe::{Observation, Recording};
+use calibration::tracker::noise::TrackerNoise;
 
 use super::super::super::Failure;
 use super::super::outputs::{Input, print};
@@ -82,17 +84,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         stylus_tip: tip_file.map(Input::of).transpose()?,
         validation: validate.as_deref().map(Input::of).transpose()?,
     };
-    let probe_from_image = found.refined.probe_from_image();
     let provenance =
         format!("{}, {} frames of {}, {:.2} mm", method.title(), found.used(), inputs.input.name(), found.errors.mean);
-    let made = Made {
-        probe_from_image,
-        size_px: found.size_px,
-        quality: quality(&found),
-        covariance: found.refined.covariance(),
-        inputs: inputs.all().map(Input::listed).collect(),
-    };
-    let preset = arguments.preset(made);
+    let origin = outputs.origin(inputs.all());
     let text = text(&found, *method, &reference);
     let without = |observations: &[Observation<Seen>]| {
         let recording = Recording { observations, ..seen.recording() };
@@ -106,9 +100,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .with_reproducibility(reproducibility.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
+    let result = arguments.result(Made {
+        probe_from_image: found.refined.probe_from_image(),
+        provenance,
+        size_px: found.size_px,
+        quality: quality(&found),
+        covariance: found.refined.covariance(),
+        origin,
+        latency,
+    })?;
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let page = || Ok(report.page(&pictures(&recorded, &report.listed_frames())?));
-    outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
+    outputs.write_probe(result, &report, page)?;
     print(&(text + &of_lag + &outputs.summary()))
 }
 
@@ -139,14 +142,20 @@ impl Arguments {
     }
 }
 
-/// Returns the quality numbers that a preset keeps.
+/// Returns the quality numbers that the file keeps.
 fn quality(found: &Calibration) -> Quality {
     let [centre_mm, corner_mm] = ends(found);
+    let (position_mm, turn_rad) = match found.refined.scatter {
+        // The scatter along u and v contains that of the dot: the sensors have the smaller at most.
+        Scatter::Point { turn_rad, along_mm: [u, v, _] } => (u.min(v), turn_rad),
+        Scatter::Plane { turn_rad, position_mm, .. } => (position_mm, turn_rad),
+    };
     Quality {
         frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
         error_mm: [found.errors.mean, found.errors.sd],
         validation_error_mm: found.validation.as_ref().map(|errors| [errors.mean, errors.sd]),
         centre_mm,
         corner_mm,
+        sensors: Some(TrackerNoise { position_mm, rotation_deg: turn_rad.to_degrees() }),
     }
 }
