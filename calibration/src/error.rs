@@ -8,6 +8,7 @@
 //! [`align`](crate::latency::align::align), for other computations, return [`LatencyError`].
 
 mod arm;
+mod covariance;
 mod geometry;
 mod latency;
 mod preset;
@@ -16,6 +17,7 @@ mod stylus;
 mod tracker;
 
 pub use arm::ArmError;
+pub use covariance::CovarianceError;
 pub use geometry::GeometryError;
 pub use latency::LatencyError;
 pub use preset::PresetError;
@@ -31,6 +33,9 @@ pub enum CalibrationError {
     /// An arm's numbers, poses or touches.
     #[error(transparent)]
     Arm(#[from] ArmError),
+    /// An image plane's covariance.
+    #[error(transparent)]
+    Covariance(#[from] CovarianceError),
     /// A phantom's wires, landmarks or registration.
     #[error(transparent)]
     Geometry(#[from] GeometryError),

@@ -8,6 +8,26 @@
 //!
 //! [image_to_probe]                  # image pixels in MF orientation → mm at the sensor
 //! matrix = [ 16 numbers, row major, column vectors ]
+//! made = "2026-11-22"               # the day; it and all below are written by `calibrate probe`
+//! picture_px = [820, 616]           # size of the images
+//!
+//! [image_to_probe.quality]
+//! frames = 188
+//! error_mm = [0.41, 0.22]           # distances of the marks: mean, standard deviation
+//! validation_error_mm = [0.46, 0.25] # the same of frames that were held out
+//! centre_mm = 0.05                  # standard deviation of a point at the image centre
+//! corner_mm = 0.11                  # and at its worst corner
+//! sensor_mm = 0.12                  # noise of a sensor along each axis, by the residuals
+//! sensor_deg = 0.06                 # and about each axis; optional
+//!
+//! [image_to_probe.covariance]       # without it the calibration error is unknown
+//! pivot_px = [401.5, 300.2]         # the pixel that rotations turn about
+//! parameters = ["turn about x (rad)", …]
+//! rows = [[…], …]
+//!
+//! [[image_to_probe.input]]          # a file that it was made from
+//! file = "Calibration.igs.mha"
+//! sha256 = "…"
 //!
 //! [image]                           # valid part of the image; both optional
 //! clip_px = { x = 192, y = 16, width = 420, height = 580 }
@@ -54,6 +74,10 @@
 //! low_mm = [350.0, 0.0, 100.0]
 //! rms_mm = 3.9
 //!
+//! [tracker_noise]                   # of a resting sensor, along and about each axis
+//! position_mm = 0.05
+//! rotation_deg = 0.03
+//!
 //! [[transform]]                     # further constant transforms, any number
 //! from = "Phantom"
 //! to = "Reference"
@@ -61,19 +85,24 @@
 //! ```
 //!
 //! Instead of one `image_to_probe` a file may hold [presets](preset): one per scanner depth,
-//! with its conditions of use and its quality.
+//! with its conditions of use. The tables `arm`, `latency`, `distortion`, `tracker_noise` and
+//! `transform` may hold `made` and `input`, too: see [`origin`].
 //!
 //! `format` and `version` are required, everything else is optional. Keys that are not listed
 //! here are refused.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use formats::whole::write_whole;
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use crate::arm::Arm;
+use crate::tracker::noise::TrackerNoise;
 use crate::tracker::zones::Zones;
+use origin::Origin;
 use preset::Preset;
+use record::Record;
 pub use sonoweave_core::keys::FileError;
 use sonoweave_core::keys::{Entry, Source, Table, read_text};
 use sonoweave_core::named::StaticTransform;
@@ -83,8 +112,11 @@ use values::{clip, fan, line, matrix_text};
 mod arm;
 mod distortion;
 mod latency;
+pub mod origin;
 pub mod preset;
 mod preset_choice;
+pub mod record;
+mod tracker_noise;
 mod values;
 
 pub use latency::Latency;
@@ -103,6 +135,8 @@ pub struct CalibrationFile {
     pub provenance: String,
     /// Transform from pixels to mm at the probe's sensor; may carry scale and skew.
     pub probe_from_image: Option<Transform<Probe, Image>>,
+    /// Day, inputs, quality and covariance of that transform.
+    pub record: Record,
     /// The arm that carries the probe.
     pub arm: Option<Arm>,
     /// Residual of that arm's fit to its touches, mm, root mean square; if known.
@@ -119,8 +153,12 @@ pub struct CalibrationFile {
     pub latency: Option<Latency>,
     /// Zones in which metal distorts the tracker's field.
     pub distortion: Option<Zones>,
+    /// Noise of a resting sensor.
+    pub tracker_noise: Option<TrackerNoise>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
+    /// Day and inputs of the other results: by the name of a transform, or of the table.
+    pub origins: BTreeMap<String, Origin>,
     /// The probe's calibration at several depths.
     pub presets: Vec<Preset>,
 }
@@ -152,6 +190,7 @@ impl CalibrationFile {
             "volume",
             "latency",
             "distortion",
+            "tracker_noise",
             "transform",
             "preset",
         ];
@@ -163,8 +202,10 @@ impl CalibrationFile {
             file.provenance = entry.text()?.to_owned();
         }
         if let Some(entry) = root.get("image_to_probe") {
-            let matrix = entry.table(&["matrix"])?.need("matrix")?;
+            let table = entry.table(&[&["matrix"], &record::KEYS[..]].concat())?;
+            let matrix = table.need("matrix")?;
             let transform = Transform::from_rows(&matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))?;
+            file.record = Record::read(&table, &transform)?;
             file.probe_from_image = Some(transform);
         }
         if let Some(entry) = root.get("image") {
@@ -172,8 +213,10 @@ impl CalibrationFile {
             file.clip = image.get("clip_px").map(|entry| clip(&entry)).transpose()?;
             file.fan = image.get("fan").map(|entry| fan(&entry)).transpose()?;
         }
-        if let Some((arm, fit_rms_mm)) = root.get("arm").map(|entry| arm::read(&entry)).transpose()? {
+        if let Some(entry) = root.get("arm") {
+            let (arm, fit_rms_mm, origin) = arm::read(&entry)?;
             (file.arm, file.arm_fit_rms_mm) = (Some(arm), fit_rms_mm);
+            file.originates("arm", origin);
         }
         if let Some(entry) = root.get("resolution") {
             file.hwhm_mm = Some(entry.table(&["hwhm_mm"])?.need("hwhm_mm")?.positive()?);
@@ -181,11 +224,24 @@ impl CalibrationFile {
         if let Some(entry) = root.get("volume") {
             file.spacing_mm = Some(entry.table(&["spacing_mm"])?.need("spacing_mm")?.positive()?);
         }
-        file.latency = root.get("latency").map(|entry| latency::read(&entry)).transpose()?;
-        file.distortion = root.get("distortion").map(|entry| distortion::read(&entry)).transpose()?;
+        if let Some(entry) = root.get("latency") {
+            let (latency, origin) = latency::read(&entry)?;
+            file.latency = Some(latency);
+            file.originates("latency", origin);
+        }
+        if let Some(entry) = root.get("distortion") {
+            let (zones, origin) = distortion::read(&entry)?;
+            file.distortion = Some(zones);
+            file.originates("distortion", origin);
+        }
+        if let Some(entry) = root.get("tracker_noise") {
+            let (noise, origin) = tracker_noise::of_rest(&entry)?;
+            file.tracker_noise = Some(noise);
+            file.originates("tracker_noise", origin);
+        }
         if let Some(entry) = root.get("transform") {
             for item in entry.items("a list of tables, each headed [[transform]]")? {
-                let transform = static_transform(&item)?;
+                let (transform, origin) = static_transform(&item)?;
                 let calibration = file.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
                 if file.transforms.iter().chain(&calibration).any(|other| other.relates_same_frames(&transform)) {
                     return Err(item.error(format!(
@@ -193,6 +249,7 @@ impl CalibrationFile {
                         transform.from, transform.to
                     )));
                 }
+                file.originates(&transform.name(), origin);
                 file.transforms.push(transform);
             }
         }
@@ -216,6 +273,8 @@ impl CalibrationFile {
         }
         if let Some(transform) = &self.probe_from_image {
             line(&mut text, format_args!("\n[image_to_probe]\nmatrix = {}", matrix_text(&transform.to_rows())));
+            self.record.write_values(&mut text);
+            self.record.write_tables("image_to_probe", &mut text);
         }
         if let Some(ClipRect { x, y, width, height }) = self.clip {
             line(
@@ -235,7 +294,7 @@ impl CalibrationFile {
             );
         }
         if let Some(arm) = &self.arm {
-            arm::write(arm, self.arm_fit_rms_mm, &mut text);
+            arm::write(arm, self.arm_fit_rms_mm, self.origin("arm"), &mut text);
         }
         if let Some(hwhm) = &self.hwhm_mm {
             line(&mut text, format_args!("\n[resolution]\nhwhm_mm = {hwhm:?}"));
@@ -244,15 +303,21 @@ impl CalibrationFile {
             line(&mut text, format_args!("\n[volume]\nspacing_mm = {spacing:?}"));
         }
         if let Some(latency) = &self.latency {
-            latency::write(latency, &mut text);
+            latency::write(latency, self.origin("latency"), &mut text);
         }
         if let Some(zones) = &self.distortion {
-            distortion::write(zones, &mut text);
+            distortion::write(zones, self.origin("distortion"), &mut text);
+        }
+        if let Some(noise) = self.tracker_noise {
+            tracker_noise::write_rest(noise, self.origin("tracker_noise"), &mut text);
         }
         for transform in &self.transforms {
             let [from, to] = [&transform.from, &transform.to].map(|name| toml::Value::String(name.clone()));
             let matrix = matrix_text(&transform.rows());
             line(&mut text, format_args!("\n[[transform]]\nfrom = {from}\nto = {to}\nmatrix = {matrix}"));
+            let origin = self.origin(&transform.name());
+            origin.write_day(&mut text);
+            origin.write_inputs("transform", &mut text);
         }
         self.presets.iter().for_each(|preset| preset.write(&mut text));
         text
@@ -265,6 +330,19 @@ impl CalibrationFile {
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let io = |source| FileError::Io { path: path.to_owned(), doing: "writing", source };
         write_whole(path, |to| to.write_all(self.to_text().as_bytes())).map_err(io)
+    }
+
+    /// Sets day and inputs of a result: by the name of a transform, or of the table.
+    pub fn originates(&mut self, name: &str, origin: Origin) {
+        if origin == Origin::default() {
+            self.origins.remove(name);
+        } else {
+            self.origins.insert(name.to_owned(), origin);
+        }
+    }
+
+    fn origin(&self, name: &str) -> &Origin {
+        self.origins.get(name).unwrap_or(&origin::UNKNOWN)
     }
 
     /// Returns all constant transforms, the probe's calibration first, under the names that
@@ -290,11 +368,12 @@ fn check_version(root: &Table<'_>) -> Result<(), FileError> {
     }
 }
 
-fn static_transform(entry: &Entry<'_>) -> Result<StaticTransform, FileError> {
-    let table = entry.table(&["from", "to", "matrix"])?;
+fn static_transform(entry: &Entry<'_>) -> Result<(StaticTransform, Origin), FileError> {
+    let table = entry.table(&[&["from", "to", "matrix"], &origin::KEYS[..]].concat())?;
     let (from, to) = (table.need("from")?.text()?, table.need("to")?.text()?);
     let matrix = table.need("matrix")?;
-    StaticTransform::new(from, to, &matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))
+    let transform = StaticTransform::new(from, to, &matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))?;
+    Ok((transform, Origin::read(&table)?))
 }
 
 #[cfg(test)]

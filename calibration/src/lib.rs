@@ -28,6 +28,7 @@ mod rest;
 pub mod statistics;
 #[cfg(test)]
 mod tests {
+    pub(crate) mod coverage;
     pub(crate) mod noise;
     pub(crate) mod target_scans;
     pub(crate) mod wire_scans;

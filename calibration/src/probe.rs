@@ -11,7 +11,7 @@
 //! - [`plane`], [`linear`]: the plane from dots and poses, as the start of the fit.
 //! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's
 //!   lag, and their accuracy.
-//! - `unknown`: the plane as parameters.
+//! - `unknown`: the plane as parameters; [`plane_covariance`]: their covariance.
 //! - [`errors`]: errors by PLUS's definition and by ours, on images that the fit did not use.
 //! - [`next`]: the view to take next.
 //! - [`calibrate`](mod@calibrate): the whole procedure, or the reason for a refusal.
@@ -24,6 +24,7 @@ pub mod linear;
 pub mod matching;
 pub mod next;
 pub mod plane;
+pub mod plane_covariance;
 pub mod recording;
 pub mod refine;
 mod reread;

@@ -166,6 +166,7 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     assert_eq!((file.arm_fit_rms_mm, file.probe_from_image), (report["rms_mm"].as_f64(), guess().probe_from_image));
     let is_near = |one: f64, other: f64| (one - other).abs() < 1.0;
     assert!(is_near(file.arm.unwrap().joints()[0].length_mm, 252.3), "{file:?}");
+    place.knows_origin(&file.origins["arm"], &[&session, "plate.toml"]);
     place.does("inspect cal.toml");
 
     // One divot determines the zeros and all lengths but one. So do distances, if every two

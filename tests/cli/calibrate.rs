@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde_json::Value;
 
+use calibration::file::CalibrationFile;
+
 use super::place::{Place, SMALL_BEDSIDE};
 
 const TIP: DVec3 = DVec3::new(2.0, -5.0, 140.0);
@@ -133,6 +135,9 @@ fn tip_and_phantom_pose_extend_one_calibration_file() {
         assert!(file.contains(kept), "{file}");
     }
     place.does("inspect cal.toml");
+    let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
+    place.knows_origin(&file.origins["StylusTipToStylus"], &["swing.mha"]);
+    place.knows_origin(&file.origins["PhantomToReference"], &["touched.mha", "phantom.toml"]);
 }
 
 #[test]

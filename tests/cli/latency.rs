@@ -3,6 +3,7 @@
 
 use std::f64::consts::TAU;
 
+use calibration::file::CalibrationFile;
 use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
 use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
 
@@ -106,6 +107,8 @@ fn floor_gives_lag_and_calibration_file_is_extended() {
     let text = String::from_utf8(place.get("probe.toml")).unwrap();
     assert!(text.contains("provenance = \"N-wire; latency: by a tank's floor in video.mha (sha256 "), "{text}");
     assert!(text.contains("[latency]\nvideo_ms = 60.0\ntracker_ms = 18.") && text.contains("spacing_mm"), "{text}");
+    let file = CalibrationFile::read(&place.path("probe.toml")).unwrap();
+    place.knows_origin(&file.origins["latency"], &["video.mha", "tracker.mha"]);
     // A second run gives the same file, without duplicates.
     place.does(words);
     assert_eq!(String::from_utf8(place.get("probe.toml")).unwrap(), text);

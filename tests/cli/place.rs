@@ -6,10 +6,14 @@ use std::process::{Command, Output, Stdio};
 
 use glam::{DMat4, DVec3};
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 use tempfile::TempDir;
 
+use calibration::file::origin::{Input, Origin};
+use calibration::file::record::Record;
 use formats::Limits;
 use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::date::Date;
 use sonoweave_core::reading::PixelType;
 
 /// A virtual bedside with small frames, whose probe sweeps over a doll in two seconds without
@@ -67,6 +71,27 @@ impl Place {
 
     pub(crate) fn json(&self, name: &str) -> Value {
         serde_json::from_slice(&self.get(name)).unwrap()
+    }
+
+    /// Asserts that a result is of today, from exactly these files.
+    pub(crate) fn knows_origin(&self, origin: &Origin, files: &[&str]) {
+        // The day may end during the test.
+        assert!((0..=1).contains(&Date::today().days_since(origin.made.unwrap())), "{origin:?}");
+        let hash = |name: &&str| Sha256::digest(self.get(name)).iter().map(|byte| format!("{byte:02x}")).collect();
+        let input = |name: &&str| Input { file: name.rsplit('/').next().unwrap().into(), sha256: hash(name) };
+        assert_eq!(origin.inputs, files.iter().map(input).collect::<Vec<_>>());
+    }
+
+    /// Asserts that a probe's calibration has day, inputs, quality and covariance, which agree.
+    pub(crate) fn is_recorded(&self, record: &Record, files: &[&str]) {
+        self.knows_origin(&record.origin, files);
+        let (quality, covariance) = (record.quality.unwrap(), record.covariance.as_ref().unwrap());
+        assert_eq!((covariance.listed().0.len(), record.picture_px), (8, Some([320, 240])));
+        assert!(quality.frames > 20 && quality.corner_mm > quality.centre_mm && quality.centre_mm > 0.0, "{quality:?}");
+        assert!(
+            quality.sensors.is_some_and(|noise| noise.position_mm > 0.0 && noise.rotation_deg > 0.0),
+            "{quality:?}"
+        );
     }
 
     /// Returns the names of all files, including hidden ones.

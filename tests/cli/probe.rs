@@ -4,6 +4,9 @@
 use glam::{DVec2, DVec3};
 use toml::Value;
 
+use calibration::file::CalibrationFile;
+use calibration::file::record::Record;
+
 use super::place::{Place, Volume, matrix, numbers};
 
 /// A tracker with noise, and a grabber with latency; the configuration contains neither.
@@ -116,6 +119,16 @@ fn calibrated_session_shows_wires_at_true_positions() {
     let lag = found["latency"]["tracker_ms"].as_float().unwrap();
     assert!((lag + 40.0).abs() < 3.0, "{said}");
     let [centre, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
+    let file = CalibrationFile::read(&place.path("probe.toml")).unwrap();
+    place.is_recorded(&file.record, &[&session, "phantom.toml"]);
+    place.knows_origin(&file.origins["latency"], &[&session, "phantom.toml"]);
+    // The same as a preset, in another file.
+    place.does(&format!("calibrate probe --phantom phantom.toml --session {session} --preset near -o presets.toml"));
+    let presets = CalibrationFile::read(&place.path("presets.toml")).unwrap();
+    assert_eq!((&presets.presets[0].record, presets.presets[0].name.as_str()), (&file.record, "near"));
+    assert_eq!((presets.record, presets.probe_from_image), (Record::default(), None));
+    let checked = place.does("inspect probe.toml");
+    assert!(checked.contains("frames, 0.") && checked.contains("at the worst corner, made 20"), "{checked}");
 
     place.put("found.toml", BEDSIDE.replace("[tracker]", "[calibration]\nfile = \"probe.toml\"\n[tracker]"));
     let run = place.run(&format!("replay {session} --config found.toml -o volume.mha"));

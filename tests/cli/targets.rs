@@ -3,6 +3,8 @@
 
 use serde_json::Value;
 
+use calibration::file::CalibrationFile;
+
 use super::place::Place;
 
 /// A sweep with a noisy tracker, and the true calibration.
@@ -15,6 +17,11 @@ fn swept(place: &Place, scene: &str) {
 /// Returns the pixels' errors, mm: at the frame's middle, and the maximum at its corners.
 fn off(place: &Place, name: &str) -> [f64; 2] {
     place.pixels_apart([name, "truth.toml"], [320, 240])
+}
+
+/// Checks the record of a calibration file.
+fn recorded(place: &Place, name: &str, files: &[&str]) {
+    place.is_recorded(&CalibrationFile::read(&place.path(name)).unwrap().record, files);
 }
 
 /// Checks the common content of all JSON reports.
@@ -58,6 +65,7 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     looks_like_a_page(&place, "point.html", 398);
     let [middle, corner] = off(&place, "point.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
+    recorded(&place, "point.toml", &["cross-wire.igs.mha"]);
     assert!(report(&place, "point.json")["lag_s"].as_f64().unwrap().abs() < 2e-3);
 
     // The crossing on a stylus: the same point, now known, in the frame of the sensor that it is
@@ -76,6 +84,7 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     let [middle, corner] = off(&place, "stylus.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
     report(&place, "stylus.json");
+    recorded(&place, "stylus.toml", &["cross-wire.igs.mha", "tip.toml"]);
 }
 
 #[test]
@@ -115,6 +124,7 @@ fn tank_floor_gives_a_less_accurate_calibration() {
     looks_like_a_page(&place, "plane.html", 796);
     let [middle, corner] = off(&place, "plane.toml");
     assert!(middle < 0.5 && corner < 0.7, "{middle} {corner}");
+    recorded(&place, "plane.toml", &["tank-floor.igs.mha"]);
     let report = report(&place, "plane.json");
     let [predicted, at_corner]: [f64; 2] = serde_json::from_value(report["predicted_ends_mm"].clone()).unwrap();
     assert!(middle < 4.0 * predicted && corner < 4.0 * at_corner, "{middle} {predicted}, {corner} {at_corner}");

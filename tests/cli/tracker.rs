@@ -3,7 +3,10 @@
 use glam::{DAffine3, DQuat, DVec3};
 
 use calibration::file::CalibrationFile;
+use calibration::file::origin::Origin;
 use calibration::tracker::zones::{Zone, Zones};
+
+use sonoweave_core::date::Date;
 
 use super::calibrate::tracked;
 use super::place::Place;
@@ -60,10 +63,11 @@ fn static_sensor_noise_is_reported_and_moving_refused() {
         &["moved.igs.mha: the sensor has moved", "lay it down"],
     );
     place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["holds no frame Stylus"]);
-    place.refuses(
-        "calibrate tracker --sequence lying.igs.mha -o cal.toml",
-        &["--output: a sensor's noise is not part of a calibration file", "--other"],
-    );
+    place.does("calibrate tracker --sequence lying.igs.mha -o cal.toml");
+    let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
+    let noise = file.tracker_noise.unwrap();
+    assert!((noise.position_mm * 3.0_f64.sqrt() / rms - 1.0).abs() < 1e-9 && noise.rotation_deg >= 0.0, "{noise:?}");
+    place.knows_origin(&file.origins["tracker_noise"], &["lying.igs.mha"]);
 }
 
 #[test]
@@ -87,6 +91,9 @@ fn room_map_names_zones_with_metal() {
     assert!(zones.count() > 0 && zones.all().all(|zone| zone.low_mm.x >= 350.0 && zone.rms_mm > 1.0), "{zones:?}");
     assert_eq!((zones.cell_mm(), zones.limit_mm(), file.spacing_mm), (50.0, 1.0, Some([0.5; 3])));
     assert!(file.provenance.starts_with("Distortion: "), "{}", file.provenance);
+    assert_eq!(zones.measured(), Some(Date::today()));
+    let origin = Origin { made: zones.measured(), ..file.origins["distortion"].clone() };
+    place.knows_origin(&origin, &["carried.igs.mha"]);
     let printed = place.does("inspect cal.toml");
     assert!(printed.contains("cells of 50 mm where the tracker errs by more than 1 mm"), "{printed}");
     let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --limit 5");

@@ -4,14 +4,15 @@ use std::fmt::Write as _;
 
 use sonoweave_core::keys::{Entry, FileError};
 
+use super::origin::{self, Origin};
 use crate::arm::{Arm, JOINTS, Joint, Kind, Sign};
 
 /// Keys that every joint has.
 const COMMON: [&str; 4] = ["type", "length_mm", "zero_counts", "sign"];
 
-/// Reads the arm's table: the joints, and the residual of their fit, if given.
-pub(super) fn read(entry: &Entry<'_>) -> Result<(Arm, Option<f64>), FileError> {
-    let table = entry.table(&["fit_rms_mm", "joint"])?;
+/// Reads the arm's table: the joints, the residual of their fit, if given, and their origin.
+pub(super) fn read(entry: &Entry<'_>) -> Result<(Arm, Option<f64>, Origin), FileError> {
+    let table = entry.table(&[&["fit_rms_mm", "joint"], &origin::KEYS[..]].concat())?;
     let fit_rms_mm = match table.get("fit_rms_mm").map(|entry| entry.number().map(|mm| (mm, entry))).transpose()? {
         Some((mm, entry)) if mm < 0.0 => return Err(entry.error(format!("must be 0 or more, not {mm}"))),
         given => given.map(|(mm, _)| mm),
@@ -23,7 +24,7 @@ pub(super) fn read(entry: &Entry<'_>) -> Result<(Arm, Option<f64>), FileError> {
         return Err(list.error(format!("must hold {JOINTS} joints, base first, not {}", items.len())));
     };
     let arm = Arm::new(joints).map_err(|e| entry.error(e.to_string()))?;
-    Ok((arm, fit_rms_mm))
+    Ok((arm, fit_rms_mm, Origin::read(&table)?))
 }
 
 fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
@@ -66,11 +67,15 @@ fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
 }
 
 /// Writes the arm's tables.
-pub(super) fn write(arm: &Arm, fit_rms_mm: Option<f64>, text: &mut String) {
-    if let Some(mm) = fit_rms_mm {
+pub(super) fn write(arm: &Arm, fit_rms_mm: Option<f64>, origin: &Origin, text: &mut String) {
+    if fit_rms_mm.is_some() || origin.made.is_some() {
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "\n[arm]\nfit_rms_mm = {mm:?}");
+        let _ = writeln!(text, "\n[arm]");
     }
+    if let Some(mm) = fit_rms_mm {
+        let _ = writeln!(text, "fit_rms_mm = {mm:?}");
+    }
+    origin.write_day(text);
     for joint in arm.joints() {
         let Joint { kind, length_mm, zero_counts, counts_per_unit, sign } = *joint;
         let kind = match kind {
@@ -82,7 +87,7 @@ pub(super) fn write(arm: &Arm, fit_rms_mm: Option<f64>, text: &mut String) {
             ),
         };
         let sign = sign.factor();
-        // Writing to a String cannot fail.
         let _ = writeln!(text, "\n[[arm.joint]]\n{kind}\nzero_counts = {zero_counts:?}\nsign = {sign}");
     }
+    origin.write_inputs("arm", text);
 }

@@ -7,11 +7,13 @@ use glam::DVec3;
 use sonoweave_core::date::Date;
 use sonoweave_core::keys::{Entry, FileError};
 
+use super::origin::{self, Origin};
 use crate::tracker::zones::{Zone, Zones};
 
-/// Reads the table.
-pub(super) fn read(entry: &Entry<'_>) -> Result<Zones, FileError> {
-    let table = entry.table(&["measured", "cell_mm", "limit_mm", "zone"])?;
+/// Reads the table: the zones, and their origin.
+pub(super) fn read(entry: &Entry<'_>) -> Result<(Zones, Origin), FileError> {
+    let own = ["measured", "cell_mm", "limit_mm", "zone"];
+    let table = entry.table(&[&own[..], &origin::KEYS].concat())?;
     let above_zero = |key| {
         let entry = table.need(key)?;
         match entry.number()? {
@@ -39,11 +41,11 @@ pub(super) fn read(entry: &Entry<'_>) -> Result<Zones, FileError> {
         }
         zones.push(zone);
     }
-    Ok(Zones::new(cell_mm, limit_mm, measured, zones))
+    Ok((Zones::new(cell_mm, limit_mm, measured, zones), Origin::read(&table)?))
 }
 
 /// Writes the table.
-pub(super) fn write(zones: &Zones, text: &mut String) {
+pub(super) fn write(zones: &Zones, origin: &Origin, text: &mut String) {
     let (cell_mm, limit_mm) = (zones.cell_mm(), zones.limit_mm());
     // Writing to a String cannot fail.
     let _ = writeln!(text, "\n[distortion]");
@@ -51,7 +53,9 @@ pub(super) fn write(zones: &Zones, text: &mut String) {
         let _ = writeln!(text, "measured = \"{day}\"");
     }
     let _ = writeln!(text, "cell_mm = {cell_mm:?}\nlimit_mm = {limit_mm:?}");
+    origin.write_day(text);
     for Zone { low_mm, rms_mm } in zones.all() {
         let _ = writeln!(text, "\n[[distortion.zone]]\nlow_mm = {:?}\nrms_mm = {rms_mm:?}", low_mm.to_array());
     }
+    origin.write_inputs("distortion", text);
 }

@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use sonoweave_core::keys::{Entry, FileError};
 
+use super::origin::{self, Origin};
+
 /// Delays of the devices' times after their measurements, beyond those that the drivers know;
 /// ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -22,9 +24,10 @@ pub struct Latency {
 /// Limit of a latency, ms; a session configuration has the same limit.
 const MOST_MS: f64 = 1000.0;
 
-/// Reads the table.
-pub(super) fn read(entry: &Entry<'_>) -> Result<Latency, FileError> {
-    let table = entry.table(&["video_ms", "tracker_ms", "lag_se_ms"])?;
+/// Reads the table: the latencies, and their origin.
+pub(super) fn read(entry: &Entry<'_>) -> Result<(Latency, Origin), FileError> {
+    let own = ["video_ms", "tracker_ms", "lag_se_ms"];
+    let table = entry.table(&[&own[..], &origin::KEYS].concat())?;
     let of = |key| {
         let entry = table.need(key)?;
         let ms = entry.number()?;
@@ -41,15 +44,17 @@ pub(super) fn read(entry: &Entry<'_>) -> Result<Latency, FileError> {
             ms => return Err(entry.error(format!("must be 0 or more, not {ms}"))),
         },
     };
-    Ok(Latency { video_ms, tracker_ms, lag_se_ms })
+    Ok((Latency { video_ms, tracker_ms, lag_se_ms }, Origin::read(&table)?))
 }
 
 /// Writes the table.
-pub(super) fn write(latency: &Latency, text: &mut String) {
+pub(super) fn write(latency: &Latency, origin: &Origin, text: &mut String) {
     let Latency { video_ms, tracker_ms, lag_se_ms } = latency;
     // Writing to a String cannot fail.
     let _ = writeln!(text, "\n[latency]\nvideo_ms = {video_ms:?}\ntracker_ms = {tracker_ms:?}");
     if let Some(ms) = lag_se_ms {
         let _ = writeln!(text, "lag_se_ms = {ms:?}");
     }
+    origin.write_day(text);
+    origin.write_inputs("latency", text);
 }

@@ -5,7 +5,7 @@ use super::preset::Preset;
 use crate::error::PresetError;
 
 impl CalibrationFile {
-    /// Selects a preset: its image pose, clip rectangle and fan replace the file's. Without a
+    /// Selects a preset: its image pose, record, clip and fan replace the file's. Without a
     /// name it selects the only preset, unless the file itself has an `image_to_probe`. Returns
     /// the selected preset, if any.
     ///
@@ -24,6 +24,7 @@ impl CalibrationFile {
             (None, _) => return Err(PresetError::Unnamed { known: known() }),
         };
         self.probe_from_image = Some(chosen.probe_from_image);
+        self.record = chosen.record.clone();
         self.clip = chosen.clip.or(self.clip);
         self.fan = chosen.fan.or(self.fan);
         Ok(Some(chosen))

@@ -5,6 +5,7 @@ use sonoweave_core::date::Date;
 use super::*;
 use crate::arm::{Joint, Sign};
 use crate::error::PresetError;
+use crate::file::origin::Input;
 use crate::tracker::zones::Zone;
 
 fn parse(text: &str) -> Result<CalibrationFile, String> {
@@ -20,6 +21,13 @@ fn refusal(rest: &str) -> String {
 fn arm() -> Arm {
     let last = Joint { zero_counts: -120.25, sign: Sign::Minus, ..Joint::revolute(60.0, 8192.0) };
     Arm::new([Joint::revolute(250.0, 4e4), Joint::prismatic(17.3, -4.5, 100.5), last]).unwrap()
+}
+
+/// Returns the origin of a result of that name.
+fn origin(name: &str) -> Origin {
+    let input = |file: String| Input { file, sha256: "0123456789abcdef".repeat(4) };
+    let inputs = vec![input(format!("{name}.mha")), input("phantom.xml".into())];
+    Origin { made: Date::parse("2026-11-23"), inputs }
 }
 
 fn full() -> CalibrationFile {
@@ -42,7 +50,12 @@ fn full() -> CalibrationFile {
                 .map(|low| Zone { low_mm: low.into(), rms_mm: 2.75 })
                 .to_vec(),
         )),
+        tracker_noise: Some(TrackerNoise { position_mm: 0.051, rotation_deg: 0.03 }),
         transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
+        origins: ["arm", "latency", "distortion", "tracker_noise", "Phantom \"1\"ToReference"]
+            .map(|name| (name.to_owned(), origin(name)))
+            .into(),
+        record: Record::default(),
         presets: Vec::new(),
     }
 }
@@ -246,18 +259,15 @@ fn preset_is_chosen_by_name_or_if_alone() {
     let preset = |name: &str, mm: f64| preset::Preset {
         name: name.into(),
         probe_from_image: Transform::from_affine(glam::DAffine3::from_scale(glam::DVec3::splat(mm))),
-        made: None,
-        picture_px: None,
         ruler: None,
         clip: ClipRect::new(1, 2, 30, 40).ok(),
         fan: None,
-        quality: None,
-        covariance: None,
-        inputs: Vec::new(),
+        record: Record { picture_px: Some([3, 4]), ..Record::default() },
     };
     let mut one = CalibrationFile { presets: vec![preset("near", 0.1)], ..CalibrationFile::default() };
     let chosen = one.choose(None).unwrap().unwrap();
     assert_eq!((one.probe_from_image, one.clip), (Some(chosen.probe_from_image), chosen.clip));
+    assert_eq!(one.record, chosen.record, "the preset's accuracy goes with its image plane");
     let both = || CalibrationFile {
         presets: vec![preset("near", 0.1), preset("far", 0.2)],
         clip: ClipRect::new(0, 0, 9, 9).ok(),

@@ -68,6 +68,13 @@ impl Certainty {
         Some(Self { covariance, ..self.clone() })
     }
 
+    /// Returns the covariance of the whitened residuals that `put` adds, due to that of the
+    /// parameters: the share of their noise that the fit has absorbed, if it used them.
+    pub(crate) fn absorbed(&self, put: impl FnOnce(&mut Blocks<'_>)) -> DMatrix<f64> {
+        let rows = self.derivatives(put);
+        &rows * &self.covariance * rows.transpose()
+    }
+
     /// Returns the whitened derivatives of the residuals that `put` adds, one row per residual.
     fn derivatives(&self, put: impl FnOnce(&mut Blocks<'_>)) -> DMatrix<f64> {
         let blocks = Blocks::of(&self.parameters, &self.columns, true, put);

@@ -13,6 +13,24 @@ use crate::phantom::Wire;
 /// Count of numbers of a plane with its pixels.
 const UNKNOWN: usize = 9;
 
+/// Names and units of the numbers that a calibration finds: rotations about u, v and the image's
+/// normal, position of the pivot pixel in the probe's frame, pixel sizes, the cosine between u and
+/// v.
+pub const PLANE: [&str; 9] = [
+    "turn about x (rad)",
+    "turn about y (rad)",
+    "turn about z (rad)",
+    "place x (mm)",
+    "place y (mm)",
+    "place z (mm)",
+    "pixel along u (relative)",
+    "pixel along v (relative)",
+    "skew",
+];
+
+/// Count of these numbers.
+pub const NUMBERS: usize = PLANE.len();
+
 /// Positions of pixels, in mm of some frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImagePlane {
@@ -61,6 +79,25 @@ impl ImagePlane {
     /// Returns the cosine between u and v: 0 if they are perpendicular.
     pub fn skew(&self) -> f64 {
         self.u.dot(self.v) / (self.u.length() * self.v.length())
+    }
+
+    /// Returns the directions of u and of the plane's v perpendicular to it, and the normal.
+    pub fn axes(&self) -> DMat3 {
+        let x = self.u.normalize();
+        let y = (self.v - self.v.dot(x) * x).normalize();
+        DMat3::from_cols(x, y, x.cross(y))
+    }
+
+    /// Returns the derivatives of a pixel's position by the plane's [numbers](PLANE), of which
+    /// rotations are about `pivot_px`.
+    pub fn changes(&self, pivot_px: DVec2, px: DVec2) -> [DVec3; NUMBERS] {
+        let axes = self.axes();
+        let DMat3 { x_axis: x, y_axis: y, z_axis: z } = axes;
+        let from = px - pivot_px;
+        let (along_u, along_v) = (self.u * from.x, self.v * from.y);
+        let lever = along_u + along_v;
+        let skewed = x * (self.v.dot(y) * from.y);
+        [x.cross(lever), y.cross(lever), z.cross(lever), DVec3::X, DVec3::Y, DVec3::Z, along_u, along_v, skewed]
     }
 
     /// Returns the pixel where a wire's line cuts the plane, and the position along the wire (0

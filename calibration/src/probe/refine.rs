@@ -18,15 +18,14 @@ use nalgebra::DMatrix;
 use self::outliers::leave_out;
 pub use self::problem::OptionalUnknowns;
 use self::problem::{Picture, Problem, USUAL_LAG_S};
+use self::refined::KNOWN;
 pub use self::refined::Refined;
 pub(super) use self::refined::View;
-use self::refined::{KNOWN, TOGETHER};
 use super::layout::Layout;
 use super::linear::Start;
-use super::scatter::{Scatter, Scattered, lasted};
+use super::scatter::{Absorbed, Scatter, Scattered};
 use super::sighting::{Sighting, off_wire};
 use super::track::Track;
-pub use super::unknown::PLANE;
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, solve};
 use crate::phantom::file::Registration;
 use crate::statistics::correlation_length;
@@ -128,9 +127,15 @@ impl Problem<'_> {
     ) -> Refined {
         let state = &solution.state;
         let mut squares = vec![(0.0, 0); self.sightings.len()];
+        let mut absorbed = Absorbed::default();
         for (picture, whitening) in pictures.iter().zip(whitenings) {
-            let residuals = self.scattered(state, picture).residuals;
-            squares[picture.sighting] = ((whitening * &residuals).norm_squared(), residuals.len());
+            let scattered = self.scattered(state, picture);
+            let residuals = &scattered.residuals;
+            squares[picture.sighting] = ((whitening * residuals).norm_squared(), residuals.len());
+            let of_picture = solution.certainty().absorbed(|blocks| {
+                self.put(state, std::slice::from_ref(picture), std::slice::from_ref(whitening), blocks);
+            });
+            absorbed.add(&scattered, whitening, &of_picture);
         }
         for (used, (_, components)) in used.iter_mut().zip(&squares) {
             used.iter_mut().for_each(|used| *used &= *components > 0);
@@ -148,6 +153,7 @@ impl Problem<'_> {
         let lasting = self.lasting(state, pictures);
         let mut refined = Refined {
             lasting,
+            excess: absorbed.factor(scatter.variances()),
             known,
             plane: self.plane(state),
             registration: Registration { reference_from_phantom, ..self.registration },
@@ -161,8 +167,7 @@ impl Problem<'_> {
             unknown: self.unknown,
             solution,
         };
-        let all = refined.together(refined.solution.certainty(), refined.pivot_px());
-        refined.lag_sd_s = lasted(&all, &refined.known, lasting, [TOGETHER - 1; 2]).max(0.0).sqrt();
+        refined.lag_sd_s = refined.lag_variance().max(0.0).sqrt();
         refined
     }
 

@@ -27,6 +27,9 @@ const FARTHEST: f64 = 30.0;
 const LONGEST: f64 = 6.0;
 /// Relative change of a component at which the search ends.
 const SAME: f64 = 1e-4;
+/// Largest share of a source's residuals that counts as absorbed: with more, there are too few
+/// images.
+const MOST_ABSORBED: f64 = 0.9;
 /// Least value of a component relative to its typical size: images without any noise have
 /// rounding errors.
 const LEAST: f64 = 1e-18;
@@ -181,6 +184,45 @@ impl<'a> Likely<'a> {
             }
         }
         variances
+    }
+}
+
+/// Sums by which the most likely variances, and with them the parameters' covariance, are too
+/// small: the parameters absorb part of the residuals.
+///
+/// With whitened sources B and the absorbed covariance A of an image's whitened residuals,
+/// a source's residuals lose the share Σ tr BᵀAB / Σ tr BᵀB of their squares. The same
+/// Σ tr BᵀAB, times the source's variance, is its share of the parameters' covariance.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Absorbed {
+    lost: [f64; SOURCES],
+    whole: [f64; SOURCES],
+}
+
+impl Absorbed {
+    /// Adds an image.
+    pub(super) fn add(&mut self, scattered: &Scattered, whitening: &DMatrix<f64>, absorbed: &DMatrix<f64>) {
+        for (source, by) in scattered.by.iter().enumerate() {
+            let whitened = whitening * by;
+            self.whole[source] += whitened.norm_squared();
+            self.lost[source] += whitened.component_mul(&(absorbed * &whitened)).sum();
+        }
+    }
+
+    /// Returns the factor of the parameters' covariance that corrects this: N / (N − p − 2) for
+    /// one source, N residuals and p parameters. N / (N − p) corrects the mean of the variance.
+    /// The rest is the variance of Student's distribution with N − p degrees of freedom, because
+    /// the scatter is uncertain itself.
+    pub(super) fn factor(&self, variances: [f64; SOURCES]) -> f64 {
+        let of = |source: usize| {
+            // A source's share of the parameters and of the residuals.
+            let [lost, whole] = [self.lost, self.whole].map(|of| of[source] * variances[source]);
+            let share = if whole > 0.0 { ((lost + 2.0) / whole).clamp(0.0, MOST_ABSORBED) } else { 0.0 };
+            (lost, 1.0 / (1.0 - share))
+        };
+        let all = [0, 1, 2, 3].map(of);
+        let weights: f64 = all.iter().map(|(weight, _)| weight).sum();
+        if weights > 0.0 { all.iter().map(|(weight, factor)| weight * factor).sum::<f64>() / weights } else { 1.0 }
     }
 }
 

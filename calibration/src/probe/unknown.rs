@@ -1,27 +1,10 @@
 //! The image plane as least squares parameters: its rotation and position in the probe's frame,
 //! the pixel size along u and v, and optionally their skew.
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 
-use super::plane::ImagePlane;
-use crate::least_squares::{Certainty, Parameters, Residual, Rotation, Scale, Side, State, Vector, turned};
-
-/// Names and units of the plane's numbers: rotations about u, v and the image's normal,
-/// position of the pivot pixel, pixel sizes, the cosine between u and v.
-pub const PLANE: [&str; 9] = [
-    "turn about x (rad)",
-    "turn about y (rad)",
-    "turn about z (rad)",
-    "place x (mm)",
-    "place y (mm)",
-    "place z (mm)",
-    "pixel along u (relative)",
-    "pixel along v (relative)",
-    "skew",
-];
-
-/// Count of these numbers.
-pub(super) const NUMBERS: usize = PLANE.len();
+use super::plane::{ImagePlane, NUMBERS};
+use crate::least_squares::{Parameters, Residual, Rotation, Scale, Side, State, Vector};
 
 /// Places of the plane's numbers among the parameters.
 #[derive(Debug, Clone, Copy)]
@@ -42,9 +25,9 @@ impl UnknownPlane {
         let reach = seen_px.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
         let [size_u, size_v] = start.pixel_mm();
         let lever_mm = reach * size_u.max(size_v);
-        let x = start.u / size_u;
-        let y = (start.v - start.v.dot(x) * x).normalize();
-        let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
+        let axes = start.axes();
+        let (x, y) = (axes.x_axis, axes.y_axis);
+        let turn = DQuat::from_mat3(&axes);
         let skewed = if skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 };
         let unknown = Self {
             turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
@@ -82,22 +65,7 @@ impl UnknownPlane {
     /// Returns the derivatives of a pixel's position in the probe's frame by each of the
     /// plane's numbers.
     pub(super) fn changes(&self, state: &State, px: DVec2) -> [DVec3; NUMBERS] {
-        let turn = DMat3::from_quat(state.rotation(self.turn));
-        let ([size_u, size_v], [skew]) = (state.scale(self.size), state.vector(self.skew));
-        let from = px - self.pivot_px;
-        let own = DVec3::new(size_u * from.x + skew * size_v * from.y, size_v * from.y, 0.0);
-        let by_turn = turn * turned(own);
-        [
-            by_turn.x_axis,
-            by_turn.y_axis,
-            by_turn.z_axis,
-            DVec3::X,
-            DVec3::Y,
-            DVec3::Z,
-            turn * DVec3::new(size_u * from.x, 0.0, 0.0),
-            turn * (DVec3::new(skew, 1.0, 0.0) * (size_v * from.y)),
-            turn * DVec3::new(size_v * from.y, 0.0, 0.0),
-        ]
+        self.plane(state).changes(self.pivot_px, px)
     }
 
     /// Adds derivatives by the plane's numbers to those of a residual.
@@ -113,17 +81,16 @@ impl UnknownPlane {
             .by(self.skew, derivatives.map(|row| [row[8]]))
     }
 
-    /// Returns the covariance of the plane's own numbers, as named in [`PLANE`]. 0 for a skew
-    /// that was not fitted.
-    pub(super) fn covariance(&self, certainty: &Certainty) -> [[f64; NUMBERS]; NUMBERS] {
-        let unit = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
-        certainty.propagated(|numbers| self.add_to(numbers, unit))
-    }
-
     /// Returns the derivatives of a pixel's position as the first of N numbers; the others do
     /// not depend on the plane.
     pub(super) fn first_of<const N: usize>(&self, state: &State, px: DVec2) -> [[f64; NUMBERS]; N] {
         let changes = self.changes(state, px);
         std::array::from_fn(|row| if row < 3 { changes.map(|change| change[row]) } else { [0.0; NUMBERS] })
     }
+}
+
+/// Returns the derivatives of the plane's numbers as the first of N numbers; the others do not
+/// depend on the plane.
+pub(super) fn own_numbers<const N: usize>() -> [[f64; NUMBERS]; N] {
+    std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))))
 }

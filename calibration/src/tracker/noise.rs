@@ -35,6 +35,23 @@ pub struct Noise {
     pub farthest_mm: f64,
 }
 
+/// Noise of a sensor's pose, along and about each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackerNoise {
+    /// Standard deviation of the position, mm.
+    pub position_mm: f64,
+    /// Standard deviation of the rotation, degrees.
+    pub rotation_deg: f64,
+}
+
+impl Noise {
+    /// Returns the mean standard deviations along and about an axis (root mean squares).
+    pub fn per_axis(&self) -> TrackerNoise {
+        let axes = 3.0_f64.sqrt();
+        TrackerNoise { position_mm: self.position_rms_mm / axes, rotation_deg: self.rotation_rms_deg / axes }
+    }
+}
+
 /// Estimates the noise of poses of a static sensor.
 ///
 /// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal.

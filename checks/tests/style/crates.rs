@@ -6,7 +6,7 @@ use crate::sources::Sources;
 /// The only users of `drivers` and `calibration`, which stand outside the order of the others.
 const BESIDE: [(&str, &[&str]); 2] = [
     ("drivers", &["phantom", "config", "pipeline", "igtl", "console"]),
-    ("calibration", &["mask", "phantom", "export", "config", "pipeline", "igtl", "console"]),
+    ("calibration", &["mask", "phantom", "export", "config", "pipeline", "measure", "igtl", "console"]),
 ];
 
 /// Dependencies of the two themselves.

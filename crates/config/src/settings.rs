@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use calibration::arm::Arm;
 use calibration::file::preset::Preset;
+use calibration::file::record::Record;
 use calibration::file::{CalibrationFile, Latency};
+use calibration::tracker::noise::TrackerNoise;
 use calibration::tracker::zones::Zones;
 use mask::{Clip, MaskSettings};
 use sonoweave_core::keys::numbers;
@@ -67,6 +69,13 @@ pub struct Settings {
     /// have their own form.
     #[serde(skip)]
     pub distortion: Option<Zones>,
+    /// Day, inputs, quality and covariance of the probe's calibration. Neither it nor the noise is
+    /// serialised: other reports have their own form.
+    #[serde(skip)]
+    pub record: Record,
+    /// Noise of the tracker's sensors at rest.
+    #[serde(skip)]
+    pub tracker_noise: Option<TrackerNoise>,
     /// The chosen preset, if the file has presets. It is not serialised: other reports name it.
     #[serde(skip)]
     pub preset: Option<Preset>,
@@ -98,6 +107,8 @@ impl Settings {
             arm: file.arm,
             arm_fit_rms_mm: file.arm_fit_rms_mm,
             distortion: file.distortion.clone(),
+            record: file.record.clone(),
+            tracker_noise: file.tracker_noise,
             ..Self::default()
         }
     }
@@ -119,6 +130,7 @@ impl Settings {
         let given = StaticTransform::new(image, "Probe", &rows).map_err(|e| Error::Value(e.to_string()))?;
         self.transforms.retain(|other| !other.relates_same_frames(&given));
         self.transforms.push(given);
+        self.record = Record::default();
         Ok(())
     }
 
@@ -129,8 +141,7 @@ impl Settings {
             (Some(rect), SourceKind::Plus) => Clip::RectOrAuto(rect),
             (Some(rect), _) => Clip::Rect(rect),
         };
-        let picture_px = self.preset.as_ref().and_then(|preset| preset.picture_px);
-        MaskSettings { clip, fan: self.fan, picture_px }
+        MaskSettings { clip, fan: self.fan, picture_px: self.record.picture_px }
     }
 }
 

@@ -59,9 +59,13 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
             return refused(StatusCode::UNPROCESSABLE_ENTITY, &format!("this measurement is invalid: {error}"));
         }
     };
-    match measure::measure(&request, &served.session.latest.report().basis.uncertainty) {
-        Ok(measured) => json_response(StatusCode::OK, &json!(measured)),
-        Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
+    let (basis, slices) = (served.session.latest.report().basis, Arc::clone(&served.session.slices));
+    // Many places among many slices take a while.
+    let measured = tokio::task::spawn_blocking(move || measure::measure(&request, &basis.uncertainty, &slices)).await;
+    match measured {
+        Ok(Ok(measured)) => json_response(StatusCode::OK, &json!(measured)),
+        Ok(Err(why)) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
+        Err(error) => refused(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
     }
 }
 

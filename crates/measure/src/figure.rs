@@ -41,8 +41,6 @@ pub struct Figure {
     kind: Kind,
     /// For a stack, the points of all contours, in the order of their heights.
     points: Vec<DVec3>,
-    /// The same points, with their picking uncertainties.
-    places: Vec<Place>,
     /// End index of each contour of a stack.
     ends: Vec<usize>,
 }
@@ -64,8 +62,7 @@ impl Figure {
         if !is_fine {
             return Err(MeasureError::Points { takes, count });
         }
-        let (points, places) = (points(places), places.to_vec());
-        let figure = Self { kind, points, places, ends: Vec::new() };
+        let figure = Self { kind, points: points(places), ends: Vec::new() };
         let apart = |a: usize, b: usize| figure.points[a].distance(figure.points[b]) > SAME_MM;
         let sound = match kind {
             Kind::Distance => true,
@@ -76,11 +73,11 @@ impl Figure {
         if sound { Ok(figure) } else { Err(MeasureError::Degenerate) }
     }
 
-    /// Creates a stack from contours, in any order.
+    /// Creates a stack from contours, in any order; also returns their places in the stack's order.
     ///
     /// # Errors
     /// [`MeasureError`] for contours that are not one above the other.
-    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<Self, MeasureError> {
+    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<(Self, Vec<Place>), MeasureError> {
         if contours.len() < 2 {
             return Err(MeasureError::FewContours);
         }
@@ -109,7 +106,7 @@ impl Figure {
         });
         let ends = ends.collect();
         let places = contours.concat();
-        Ok(Self { kind: Kind::Stack, points: points(&places), places, ends })
+        Ok((Self { kind: Kind::Stack, points: points(&places), ends }, places))
     }
 
     /// Returns its size, in its [unit](Self::unit).
@@ -149,8 +146,20 @@ impl Figure {
         contours.iter().enumerate().map(|(at, contour)| [spanned(contour).length(), thickness(at)]).collect()
     }
 
-    /// Returns each place and the change of the value per mm of its motion along each axis.
-    pub(super) fn slopes(&self) -> Vec<(Place, DVec3)> {
+    /// Whether it consists of single points, and not of outlines.
+    pub(super) fn is_of_few(&self) -> bool {
+        matches!(self.kind, Kind::Distance | Kind::Angle | Kind::Ellipsoid)
+    }
+
+    /// Returns its size with some points displaced, by their number.
+    pub(super) fn moved(&self, shifts: impl Iterator<Item = (usize, DVec3)>) -> f64 {
+        let mut points = self.points.clone();
+        shifts.for_each(|(number, shift)| points[number] += shift);
+        self.of(&points)
+    }
+
+    /// Returns the change of the value per mm of each point's motion along each axis.
+    pub(super) fn slopes(&self) -> Vec<DVec3> {
         let mut points = self.points.clone();
         let mut slope = |n: usize, axis: DVec3| {
             let at = self.points[n];
@@ -161,24 +170,20 @@ impl Figure {
             points[n] = at;
             (above - below) / (2.0 * STEP_MM)
         };
-        let slopes = self.places.iter().enumerate().map(|(n, place)| {
-            let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| slope(n, axis));
-            (*place, DVec3::new(x, y, z))
-        });
-        slopes.collect()
+        (0..self.points.len()).map(|n| DVec3::from_array(DVec3::AXES.map(|axis| slope(n, axis)))).collect()
     }
 
-    /// Returns the standard deviation due to unsampled space between and beyond its points. For
-    /// a stack this is the extent of the body beyond its ends; it is 0 otherwise.
-    pub(super) fn unsampled(&self) -> f64 {
+    /// Returns the standard deviations due to unsampled space beyond its points: for a stack the
+    /// extent of the body beyond each end, which is uniform; none otherwise.
+    pub(super) fn unsampled(&self) -> Vec<f64> {
         if self.kind != Kind::Stack {
-            return 0.0;
+            return Vec::new();
         }
         let slabs = self.slabs(&self.points);
         let ends = [slabs.first(), slabs.last()].into_iter().flatten();
         // The body ends anywhere from nothing to a whole slab beyond an end; half a slab is
         // assumed.
-        ends.map(|[area, thickness]| (area * thickness).powi(2) / 12.0).sum::<f64>().sqrt()
+        ends.map(|[area, thickness]| area * thickness / 12.0_f64.sqrt()).collect()
     }
 
     /// Returns the unit of its value.

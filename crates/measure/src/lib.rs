@@ -1,13 +1,8 @@
 //! Lengths, angles, areas and volumes between world positions, each with its uncertainty; and
 //! the slices that contributed to a place.
 //!
-//! The uncertainty of a picked place has several parts: the calibration error, the position
-//! within a voxel and within a screen pixel, and the kernel's blur. A place picked in the view
-//! of the volume also has a depth uncertainty: it lies anywhere within a width dᵢ along the
-//! direction aᵢ of its ray. The errors of different places are treated as independent. Errors
-//! that neighbouring places share make lengths between them more accurate than reported, never
-//! less. Errors are propagated to first order, σ² = Σ |∂f/∂pᵢ|² σᵢ² + (∂f/∂pᵢ · aᵢ)² dᵢ² / 12.
-//! The reported error is twice that σ, which covers about 95 of 100 cases.
+//! - [`uncertainty`]: the model of errors.
+//! - [`sources`]: positions of all slices, and those that reach a place.
 
 mod error;
 mod figure;
@@ -15,6 +10,7 @@ mod place;
 pub mod sources;
 #[cfg(test)]
 mod tests;
+pub mod uncertainty;
 
 use serde::{Deserialize, Serialize};
 
@@ -23,36 +19,11 @@ pub use figure::{Figure, Kind};
 use place::MOST_WIDE_MM;
 pub use place::Place;
 pub use sources::{Slices, Source};
+use uncertainty::Cause;
+pub use uncertainty::Uncertainty;
 
 /// Largest number of points of a figure.
 const MOST_POINTS: usize = 2000;
-/// Standard deviations of the reported error.
-const SIGMAS: f64 = 2.0;
-
-/// Uncertainty of places.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Uncertainty {
-    /// Standard deviation of a place due to the calibration, at the image's worst corner, mm;
-    /// `None` if unknown.
-    pub calibration_mm: Option<f64>,
-    /// The longest distance between neighbouring voxels, mm.
-    pub voxel_mm: f64,
-    /// Half width at half maximum of the kernel where it is widest, mm.
-    pub hwhm_mm: f64,
-}
-
-impl Uncertainty {
-    /// Returns standard deviations of a place along each axis, due to the calibration and to
-    /// sampling, for a screen pixel of this width, mm. A uniform distribution over a width has a
-    /// twelfth of its square as variance.
-    fn of_place(&self, pixel_mm: f64) -> [f64; 2] {
-        let within = [self.voxel_mm, self.hwhm_mm, pixel_mm].map(|width| width * width / 12.0);
-        // The calibration error is that of a place in space; each axis has a third of its
-        // variance.
-        [self.calibration_mm.unwrap_or(0.0) / 3.0_f64.sqrt(), within.iter().sum::<f64>().sqrt()]
-    }
-}
-
 /// A requested measurement.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,21 +51,27 @@ pub struct Measured {
     pub value: f64,
     /// Unit of the size.
     pub unit: &'static str,
-    /// Error bound, not exceeded in 95 of 100 cases.
+    /// Error: the true size lies within this distance of the value in 95 of 100 cases. It is the
+    /// root of the sum of squares of its parts.
     pub error: f64,
-    /// The part due to the calibration; `None` if its accuracy is unknown.
+    /// The part due to the calibration; `None` if that is unknown.
     pub of_calibration: Option<f64>,
-    /// The part due to voxels, kernel and screen, and to the depth of places picked in a view.
+    /// The part due to the noise of the tracker's sensors; `None` if that is unknown.
+    pub of_tracker: Option<f64>,
+    /// The part due to kernel, distance of slices, voxels, and the depth of places picked in a
+    /// view.
     pub of_sampling: f64,
+    /// The part due to the hand's clicks and the screen's pixels.
+    pub of_clicks: f64,
     /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// Measures a figure.
+/// Measures a figure among these slices.
 ///
 /// # Errors
 /// [`MeasureError`] for an invalid figure.
-pub fn measure(request: &Request, uncertainty: &Uncertainty) -> Result<Measured, MeasureError> {
+pub fn measure(request: &Request, uncertainty: &Uncertainty, slices: &Slices) -> Result<Measured, MeasureError> {
     let Request { kind, points, contours, pixel_mm } = request;
     let count = points.len() + contours.iter().map(Vec::len).sum::<usize>();
     if count > MOST_POINTS {
@@ -107,34 +84,31 @@ pub fn measure(request: &Request, uncertainty: &Uncertainty) -> Result<Measured,
     if (*kind == Kind::Stack) != points.is_empty() || (*kind == Kind::Stack) == contours.is_empty() {
         return Err(MeasureError::Kind);
     }
-    let figure = match kind {
+    let (figure, mut places) = match kind {
         Kind::Stack => Figure::stack(contours.clone())?,
-        kind => Figure::new(*kind, points)?,
+        kind => (Figure::new(*kind, points)?, points.clone()),
     };
-    let value = figure.value();
-    // Variances.
-    let mut sums = [0.0; 2];
-    for (place, slope) in figure.slopes() {
-        let parts = uncertainty
-            .of_place(place.pixel_mm.unwrap_or(*pixel_mm))
-            .map(|sigma| sigma * sigma * slope.length_squared());
-        let depth = slope.dot(place.along()) * place.depth_mm;
-        sums = [sums[0] + parts[0], sums[1] + parts[1] + depth * depth / 12.0];
-    }
-    let [calibration, sampling] = sums.map(|sum: f64| SIGMAS * sum.sqrt());
-    let unsampled = SIGMAS * figure.unsampled();
-    let of_sampling = sampling.hypot(unsampled);
+    places.iter_mut().for_each(|place| place.pixel_mm = place.pixel_mm.or(Some(*pixel_mm)));
+    let errors = uncertainty.errors(&places, slices);
+    let interval = errors.of(&figure);
     let mut notes = figure.notes();
-    if uncertainty.calibration_mm.is_none() {
-        notes.push("the calibration's accuracy is unknown: the error is that of sampling alone".into());
+    if interval.is_bent {
+        notes.push("the figure is small against the errors of its points: the error is approximate".into());
     }
+    notes.extend(errors.without_calibration.as_ref().map(|why| format!("calibration error unknown: {why}")));
+    if errors.without_tracker {
+        notes.push("noise of the tracker or arm unknown, and not included".into());
+    }
+    let known = |is_known: bool, cause| is_known.then(|| interval.of(cause));
     Ok(Measured {
         kind: *kind,
-        value,
+        value: figure.value(),
         unit: figure.unit(),
-        error: calibration.hypot(of_sampling),
-        of_calibration: uncertainty.calibration_mm.map(|_| calibration),
-        of_sampling,
+        error: interval.error,
+        of_calibration: known(errors.without_calibration.is_none(), Cause::Calibration),
+        of_tracker: known(!errors.without_tracker, Cause::Tracker),
+        of_sampling: interval.of(Cause::Sampling),
+        of_clicks: interval.of(Cause::Clicks),
         notes,
     })
 }

@@ -36,7 +36,12 @@ impl Options {
     /// Returns the files that are read.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
         let given = [&self.session, &self.live].into_iter().flatten();
-        given.chain(self.places.file()).map(PathBuf::as_path).collect()
+        given.map(PathBuf::as_path).chain(self.plate()).collect()
+    }
+
+    /// Returns the file of the touched plate, if there is one.
+    pub(crate) fn plate(&self) -> Option<&Path> {
+        self.places.file().map(PathBuf::as_path)
     }
 
     /// Reads the touches; records them first if they are still to be made.

@@ -7,9 +7,12 @@ use std::path::{Path, PathBuf};
 use glam::DAffine3;
 use serde::Serialize;
 
-use calibration::file::preset::{self, Preset};
+use calibration::file::origin::{self, Origin};
+use calibration::file::preset::Preset;
+use calibration::file::record::Record;
 use calibration::file::{CalibrationFile, Latency};
 use formats::whole::write_whole;
+use sonoweave_core::date::Date;
 use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::named::StaticTransform;
 use statistics::write_json;
@@ -30,10 +33,10 @@ impl Input {
         Ok(Self { path: path.to_owned(), sha256: input::hash(path)? })
     }
 
-    /// Returns the form that presets list.
-    pub(crate) fn listed(&self) -> preset::Input {
+    /// Returns the form that calibration files list.
+    fn listed(&self) -> origin::Input {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
-        preset::Input { file: name.to_string_lossy().into_owned(), sha256: self.sha256.clone() }
+        origin::Input { file: name.to_string_lossy().into_owned(), sha256: self.sha256.clone() }
     }
 
     /// Returns the form that a calibration file uses as provenance.
@@ -43,10 +46,22 @@ impl Input {
     }
 }
 
+/// A probe's calibration, for the calibration file.
+pub(crate) struct ProbeResult {
+    pub(crate) probe_from_image: Transform<Probe, Image>,
+    pub(crate) provenance: String,
+    pub(crate) record: Record,
+    /// The same as a preset, which then takes the place of the file's own.
+    pub(crate) preset: Option<Preset>,
+    pub(crate) latency: Option<Latency>,
+}
+
 impl Outputs {
-    /// Whether a calibration file is written.
-    pub(crate) fn changes_file(&self) -> bool {
-        self.output.is_some()
+    /// Returns the origin of a result of today, from these files. The calibration file itself,
+    /// which may be read for its other contents, is none of them: it is about to change.
+    pub(crate) fn origin<'a>(&self, inputs: impl IntoIterator<Item = &'a Input>) -> Origin {
+        let inputs = inputs.into_iter().filter(|input| !self.is_output(&input.path)).map(Input::listed);
+        Origin { made: Some(Date::today()), inputs: inputs.collect() }
     }
 
     /// Whether a file is the calibration file that is written.
@@ -92,36 +107,41 @@ impl Outputs {
         &self,
         transform: &StaticTransform,
         provenance: &str,
+        origin: Origin,
         report: &impl Serialize,
     ) -> Result<(), Failure> {
-        self.write_changed(|file| merge(file, transform, provenance), report)
+        let change = |file: &mut CalibrationFile| {
+            merge(file, transform, provenance);
+            file.originates(&transform.name(), origin);
+        };
+        self.write_changed(change, report)
     }
 
     /// Writes a probe's calibration, the latencies if there are any, and the report.
     pub(crate) fn write_probe(
         &self,
-        probe_from_image: &Transform<Probe, Image>,
-        provenance: &str,
-        preset: Option<Preset>,
-        latency: Option<Latency>,
+        result: ProbeResult,
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
     ) -> Result<(), Failure> {
-        let named = StaticTransform::image_to_probe(probe_from_image);
+        let ProbeResult { probe_from_image, provenance, record, preset, latency } = result;
+        let named = StaticTransform::image_to_probe(&probe_from_image);
         let change = |file: &mut CalibrationFile| {
             if latency.is_some() {
                 file.latency = latency;
-                originates(file, "latency", provenance);
+                originates(file, "latency", &provenance);
+                file.originates("latency", record.origin.clone());
             }
             if let Some(preset) = preset {
                 file.presets.retain(|other| other.name != preset.name);
                 file.presets.push(preset);
                 return;
             }
-            merge(file, &named, provenance);
+            merge(file, &named, &provenance);
             // The transform has its own place in the file.
             file.transforms.retain(|other| !other.relates_same_frames(&named));
-            file.probe_from_image = Some(*probe_from_image);
+            file.probe_from_image = Some(probe_from_image);
+            file.record = record;
         };
         self.write_with_page(change, report, page)
     }
@@ -184,6 +204,9 @@ fn is_page(path: &Path) -> bool {
 
 /// Replaces the transform between the same frames, if there is one, and its provenance.
 fn merge(file: &mut CalibrationFile, transform: &StaticTransform, provenance: &str) {
+    for other in file.transforms.iter().filter(|other| other.relates_same_frames(transform)) {
+        file.origins.remove(&other.name());
+    }
     file.transforms.retain(|other| !other.relates_same_frames(transform));
     file.transforms.push(transform.clone());
     originates(file, &transform.name(), provenance);

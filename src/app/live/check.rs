@@ -283,15 +283,19 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried, accepted: bool) -> Checked
     if let Err(error) = bedside.no_example() {
         foreign(&mut checked, Failure::configuration(error).0);
     }
-    if let Some(preset) = &calibration.preset {
-        let made = preset.made.map_or(String::new(), |made| format!(", made {made}"));
-        checked.say(format!("preset \"{}\"{made}", preset.name));
-        if let Some(quality) = preset.quality {
-            checked.say(format!(
-                "the uncertainty of a point is {:.2} mm at the image's centre and {:.2} mm at the worst corner",
-                quality.centre_mm, quality.corner_mm
-            ));
-        }
+    let made = calibration.record.origin.made.map(|made| format!("made {made}"));
+    let preset = calibration.preset.as_ref().map(|preset| format!("preset \"{}\"", preset.name));
+    let words: Vec<String> = preset.into_iter().chain(made).collect();
+    if !words.is_empty() {
+        checked.say(words.join(", "));
+    }
+    match (calibration.record.quality, &calibration.record.covariance) {
+        (Some(quality), Some(_)) => checked.say(format!(
+            "the uncertainty of a point is {:.2} mm at the image's centre and {:.2} mm at the worst corner",
+            quality.centre_mm, quality.corner_mm
+        )),
+        (None, Some(_)) => {}
+        (_, None) => checked.say("calibration error unknown: measurements are without it; `calibrate probe` finds it"),
     }
     let pixel = pixel_mm(calibration);
     if let Some([u, v]) = pixel {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use config::bedside::{Bedside, Realtime, pixel_mm};
+use config::bedside::{Bedside, Realtime, pixel_mm, probe_from_image};
 use console::{About, Basis, Console, ConsoleSession, FrameBroadcaster, Latest, Listen};
 use guidance::age::calibration_age;
 use guidance::spacing::Spacing;
@@ -157,14 +157,16 @@ fn kernels(bedside: &Bedside) -> Option<[AxisKernel; 3]> {
     bedside.volume.settings.kernels(pixel_mm(&bedside.calibration)?).ok()
 }
 
-/// Returns the position uncertainty of the volume.
+/// Returns what is known of the errors of the volume's places.
 fn uncertainty(bedside: &Bedside) -> Uncertainty {
-    let quality = bedside.calibration.preset.as_ref().and_then(|preset| preset.quality);
-    let widest = |kernels: [AxisKernel; 3]| kernels.map(|k| k.hwhm() * k.sigma_mm).into_iter().fold(0.0, f64::max);
+    let hwhm_mm = |kernels: [AxisKernel; 3]| kernels.map(|kernel| kernel.hwhm() * kernel.sigma_mm);
     Uncertainty {
-        calibration_mm: quality.map(|quality| quality.corner_mm),
+        probe_from_image: probe_from_image(&bedside.calibration),
+        calibration: bedside.calibration.record.covariance.clone(),
+        sensors: bedside.sensor_noise(),
+        has_reference: bedside.tracking.has_reference(),
         voxel_mm: bedside.volume.settings.spacing_mm.max_element(),
-        hwhm_mm: kernels(bedside).map_or(0.0, widest),
+        hwhm_mm: kernels(bedside).map_or([0.0; 3], hwhm_mm),
     }
 }
 
@@ -182,12 +184,9 @@ fn about(bedside: &Bedside, kind: &'static str) -> About {
 fn guidance(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
     let settings = &bedside.volume.settings;
     let pixel_mm = pixel_mm(&bedside.calibration).unwrap_or([settings.spacing_mm.max_element(); 2]);
-    let preset = bedside.calibration.preset.as_ref();
+    let made = bedside.calibration.record.origin.made;
     let worth_a_word_days = bedside.effective.get("calibration.warn_after_days").and_then(|days| days.as_i64());
-    let calibration = preset
-        .and_then(|preset| preset.made)
-        .zip(worth_a_word_days)
-        .and_then(|(made, days)| calibration_age(made, Date::today(), days));
+    let calibration = made.zip(worth_a_word_days).and_then(|(made, days)| calibration_age(made, Date::today(), days));
     Ok(Arc::new(ScanGuidance::new(GuidanceSettings {
         spacing: Spacing::of(settings, pixel_mm)?,
         mask: bedside.mask,

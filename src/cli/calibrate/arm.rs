@@ -61,11 +61,14 @@ fn find(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -
     let results = Results { touched, counts, tip_sd_mm: options.tip_sd_mm };
     let input = Input::of(session)?;
     let provenance = format!("{} in {}, {:.3} mm", touched.words(), input.name(), fitted.rms_mm);
+    let plate = options.plate().map(Input::of).transpose()?;
+    let origin = outputs.origin([Some(&input), plate.as_ref()].into_iter().flatten());
     let text = results.of_fit(&fitted, &reach, fit_options);
     let report = FitReport::new(input, &results, &fitted, &reach, options.limit);
     let change = |file: &mut CalibrationFile| {
         (file.arm, file.arm_fit_rms_mm) = (Some(fitted.arm), Some(fitted.rms_mm));
         originates(file, "Arm", &provenance);
+        file.originates("arm", origin);
     };
     outputs.write_changed(change, &report)?;
     print(&(text + &outputs.summary()))

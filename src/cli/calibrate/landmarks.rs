@@ -120,7 +120,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = touches.find(recording, &mut AdviceDisplay::default())?;
     let Found { recording, read, registered, predicted } = found;
 
-    let input = Input::of(recording.path())?;
+    let (input, phantom, stylus_tip) = (Input::of(recording.path())?, Input::of(phantom)?, Input::of(tip_file)?);
+    let origin = outputs.origin([&input, &phantom, &stylus_tip]);
     let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
     let provenance = format!(
         "{} landmarks touched in {}, {:.2} mm",
@@ -133,8 +134,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = Report {
         kind: "landmarks",
         input,
-        phantom: Input::of(phantom)?,
-        stylus_tip: Input::of(tip_file)?,
+        phantom,
+        stylus_tip,
         frame: &read.frame,
         route: &read.route,
         poses: &read.counts,
@@ -159,7 +160,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         condition: registered.condition,
         limit_mm: *limit,
     };
-    outputs.write(&transform, &provenance, &report)?;
+    outputs.write(&transform, &provenance, origin, &report)?;
     print(&(text + &outputs.summary()))
 }
 

@@ -55,6 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let change = |file: &mut CalibrationFile| {
         file.latency = Some(report.latency());
         originates(file, "latency", &report.provenance());
+        file.originates("latency", arguments.outputs.origin(report.inputs()));
     };
     outputs.write_changed(change, &report)?;
     print(&report.text(outputs))

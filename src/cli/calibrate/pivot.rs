@@ -87,6 +87,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
     let provenance =
         format!("pivot, {} poses of {}, {:.2} mm", pivot.residual_mm.count, input.name(), pivot.residual_mm.mean);
+    let origin = outputs.origin([&input]);
     let sds = sds(&pivot);
     let text = text(recording, &read, &pivot, sds);
     let report = Report {
@@ -113,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         limit_mm: *limit,
         stylus_tip_to_stylus: rows(pivot.stylus_from_tip.affine()),
     };
-    outputs.write(&transform, &provenance, &report)?;
+    outputs.write(&transform, &provenance, origin, &report)?;
     print(&(text + &outputs.summary()))
 }
 

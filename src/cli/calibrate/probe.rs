@@ -58,7 +58,7 @@ pub struct Arguments {
 /// [`Failure`] when the recording does not determine the image plane; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
-    let Options { phantom, validate, method, limit, target, .. } = options;
+    let Options { phantom, registration, validate, method, limit, target, .. } = options;
     if *method != Method::Nwire {
         return target::run(options, outputs);
     }
@@ -84,20 +84,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let reproducibility = outputs.wants_report().then(|| done.reproducibility());
     let validation = validate.as_deref().map(Input::of).transpose()?;
     let phantom_input = Input::of(phantom)?;
-    let preset = options.preset(Made {
-        probe_from_image: found.refined.probe_from_image(),
-        size_px: found.size_px,
-        quality: quality(found),
-        covariance: found.refined.covariance(),
-        inputs: [Some(&input), Some(&phantom_input), validation.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(Input::listed)
-            .collect(),
-    });
+    let registration = registration.as_deref().map(Input::of).transpose()?;
+    let origin = outputs
+        .origin([Some(&input), Some(&phantom_input), registration.as_ref(), validation.as_ref()].into_iter().flatten());
     let next = done.next_view();
     let lag = Lag::of(outputs, recorded, [found.refined.lag_s, found.refined.lag_sd_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
+    let result = options.result(Made {
+        probe_from_image: found.refined.probe_from_image(),
+        provenance,
+        size_px: found.size_px,
+        quality: quality(found),
+        covariance: found.refined.covariance(),
+        origin,
+        latency,
+    })?;
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(found, layout, input, phantom_input, validation, held)
         .with_times(*searched_s, *solved_s)
@@ -105,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .with_next(next.as_ref())
         .with_lag(lag);
     let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?, *limit));
-    outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, latency, &report, page)?;
+    outputs.write_probe(result, &report, page)?;
     let next = next.as_ref().map_or(String::new(), report::next_line);
     print(&(text(found, layout) + &next + &of_lag + &outputs.summary()))
 }

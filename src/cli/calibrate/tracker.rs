@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use calibration::file::CalibrationFile;
+use calibration::file::origin::Origin;
 use calibration::tracker::distortion::Map;
 use calibration::tracker::noise::Noise;
 use calibration::tracker::zones::Zones;
@@ -25,12 +26,13 @@ const MOST_PRINTED: usize = 8;
 /// Flags of `calibrate tracker`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Noise: lay a sensor down, let go of it, and record for ten seconds.
+Noise: lay a sensor down, let go of it, and record for ten seconds. With -o the noise goes into the calibration file, \
+and counts in the error of measurements.
 A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through the \
 whole scanning area. Where the sensors' distance changes, metal distorts the field; do not scan there, or remove the \
 metal. With -o these zones go into the calibration file, and `live` warns when the probe is in one.
 
-Examples: sonoweave calibrate tracker --live bedside.toml
+Examples: sonoweave calibrate tracker --live bedside.toml -o calibration.toml
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml \
 --report room.json")]
@@ -94,12 +96,6 @@ struct CellReport {
 /// [`Failure`] when the recording does not determine the result.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
-    if options.other.is_none() && outputs.changes_file() {
-        fail!(
-            "--output: a sensor's noise is not part of a calibration file, only a map of the room (--other); leave it \
-            out"
-        );
-    }
     outputs.check(&[options.recording(&options.tracker).path()], false)?;
     let Found { path, counts, result } = options.find(&mut AdviceDisplay::default())?;
     match result {
@@ -111,9 +107,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     fn noise(&self, path: &Path, counts: &Counts, found: &Noise) -> Result<(), Failure> {
         let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = *found;
+        let input = Input::of(path)?;
+        let provenance = format!("{} of {}, {position_rms_mm:.3} mm", self.options.sensor, input.name());
+        let origin = self.outputs.origin([&input]);
+        let noise = found.per_axis();
         let report = NoiseReport {
             kind: "tracker_noise",
-            input: Input::of(path)?,
+            input,
             sensor: &self.options.sensor,
             poses: counts,
             position_mm: found.position_mm.to_array(),
@@ -124,7 +124,12 @@ impl Arguments {
             fast_rms_mm,
             farthest_mm,
         };
-        self.outputs.write_changed(|_| {}, &report)?;
+        let change = |file: &mut CalibrationFile| {
+            file.tracker_noise = Some(noise);
+            originates(file, "Noise", &provenance);
+            file.originates("tracker_noise", origin);
+        };
+        self.outputs.write_changed(change, &report)?;
         print(&(self.of_noise(counts, found) + &self.outputs.summary()))
     }
 
@@ -159,6 +164,8 @@ impl Arguments {
         });
         let input = Input::of(path)?;
         let zones = Zones::of(map, self.options.limit, Date::today());
+        // The zones themselves hold the day.
+        let origin = Origin { made: None, ..self.outputs.origin([&input]) };
         let provenance = format!("{} of {} cells, by {}", zones.count(), map.cells.len(), input.name());
         let report = MapReport {
             kind: "tracker_map",
@@ -179,6 +186,7 @@ impl Arguments {
         let change = |file: &mut CalibrationFile| {
             file.distortion = Some(zones);
             originates(file, "Distortion", &provenance);
+            file.originates("distortion", origin);
         };
         self.outputs.write_changed(change, &report)?;
         print(&(self.of_map(other, counts, map) + &self.outputs.summary()))

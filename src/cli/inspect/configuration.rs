@@ -9,6 +9,7 @@ use calibration::arm::{JOINTS, Joint};
 use calibration::error::PresetError;
 use calibration::file::CalibrationFile;
 use calibration::file::preset::Preset;
+use calibration::file::record::Record;
 use config::{Error, Settings, SourceKind};
 use sonoweave_core::named::StaticTransform;
 
@@ -35,24 +36,28 @@ pub(super) struct ConfigurationReport {
 /// Formats a preset in a line.
 fn about(preset: &Preset) -> String {
     let mut text = format!("\"{}\"", preset.name);
-    if let Some(made) = preset.made {
-        text += &format!(", made {made}");
-    }
-    if let Some([width, height]) = preset.picture_px {
-        text += &format!(", for pictures of {width}×{height}");
-    }
+    text += &conditions(&preset.record);
     if let Some(ruler) = preset.ruler {
         text += &format!(" with {} mm a pixel by the ruler", short(ruler.pixel_mm()));
     }
-    if let Some(quality) = preset.quality {
-        text += &format!(
-            "; {} frames, {} mm at the centre, {} at the worst corner",
-            quality.frames,
-            short(quality.centre_mm),
-            short(quality.corner_mm)
-        );
-    }
-    text
+    text + "; " + &accuracy(&preset.record)
+}
+
+/// Formats a calibration's day and the size of its pictures, each after a comma.
+fn conditions(record: &Record) -> String {
+    let made = record.origin.made.map(|made| format!(", made {made}"));
+    let size = record.picture_px.map(|[width, height]| format!(", for pictures of {width}×{height}"));
+    made.into_iter().chain(size).collect()
+}
+
+/// Formats a calibration's accuracy.
+fn accuracy(record: &Record) -> String {
+    let quality = record.quality.map(|quality| {
+        let [centre, corner] = [quality.centre_mm, quality.corner_mm].map(short);
+        format!("{} frames, {centre} mm at the centre, {corner} at the worst corner", quality.frames)
+    });
+    let unknown = record.covariance.is_none().then(|| "calibration error unknown".to_owned());
+    quality.into_iter().chain(unknown).collect::<Vec<_>>().join("; ")
 }
 
 impl ConfigurationReport {
@@ -103,6 +108,9 @@ impl ConfigurationReport {
         }
         if let Some(pixel) = self.pixel_mm {
             text.row("pixel", format!("{} mm", times(pixel.map(short))));
+            if settings.preset.is_none() && settings.source == SourceKind::Sonoweave {
+                text.row("accuracy", accuracy(&settings.record) + &conditions(&settings.record));
+            }
         }
         if let Some(clip) = settings.clip {
             let (x, y, width, height) = (clip.x, clip.y, clip.width, clip.height);

@@ -5,20 +5,24 @@ use glam::{DVec2, DVec3};
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use super::problem::{Problem, Unknown};
+use crate::error::CovarianceError;
 use crate::least_squares::{Certainty, Solution};
 use crate::phantom::file::Registration;
 use crate::probe::layout::Layout;
 use crate::probe::matching::Mark;
-use crate::probe::plane::ImagePlane;
+use crate::probe::plane::{ImagePlane, NUMBERS};
+use crate::probe::plane_covariance::PlaneCovariance;
 use crate::probe::scatter::{Scatter, lasted};
 use crate::probe::sighting::Sighting;
 use crate::probe::track::{Poses, Track};
-use crate::probe::unknown::NUMBERS;
+use crate::probe::unknown::own_numbers;
 
 /// Count of parameters with a prior: the phantom's rotation and shift, and the lag.
 pub(super) const KNOWN: usize = 7;
 /// Count of a pixel's coordinates and these.
-pub(super) const TOGETHER: usize = 3 + KNOWN;
+const TOGETHER: usize = 3 + KNOWN;
+/// Count of the plane's numbers and these.
+const OWN: usize = NUMBERS + KNOWN;
 
 /// Result of the fit.
 #[derive(Debug, Clone)]
@@ -48,6 +52,8 @@ pub struct Refined {
     pub(super) centre: DVec3,
     pub(super) unknown: Unknown,
     pub(super) solution: Solution,
+    /// Factor of the covariance for the scatter that the parameters absorbed.
+    pub(super) excess: f64,
     /// Information of the priors: of the phantom's rotation and shift, and of the lag.
     pub(super) known: [[f64; KNOWN]; KNOWN],
 }
@@ -84,16 +90,22 @@ impl Refined {
     }
 
     fn covariance_by(&self, certainty: &Certainty, px: DVec2) -> [[f64; 3]; 3] {
-        let all = self.together(certainty, px);
-        std::array::from_fn(|i| std::array::from_fn(|j| lasted(&all, &self.known, self.lasting, [i, j])))
+        let all: [[f64; TOGETHER]; TOGETHER] =
+            self.together(certainty, self.unknown.plane.first_of(&self.solution.state, px));
+        std::array::from_fn(|i| std::array::from_fn(|j| lasted(&all, &self.known, self.lasting * self.excess, [i, j])))
     }
 
-    /// Returns the covariance of the plane's own numbers, named in
-    /// [`PLANE`](crate::probe::refine::PLANE). It is computed from the fitted scatter and
-    /// multiplied by its correlation, which is conservative for numbers with a prior. 0 for a skew
-    /// that was not fitted.
-    pub fn covariance(&self) -> [[f64; NUMBERS]; NUMBERS] {
-        self.unknown.plane.covariance(self.solution.certainty()).map(|row| row.map(|entry| entry * self.lasting))
+    /// Returns the covariance of the plane's own numbers, from the fitted scatter and its
+    /// correlation; 0 for a skew that was not fitted.
+    ///
+    /// # Errors
+    /// [`CovarianceError`] if the plane is so uncertain that its error is not linear.
+    pub fn covariance(&self) -> Result<PlaneCovariance, CovarianceError> {
+        let all: [[f64; OWN]; OWN] = self.together(self.solution.certainty(), own_numbers());
+        let entries = std::array::from_fn(|i| {
+            std::array::from_fn(|j| lasted(&all, &self.known, self.lasting * self.excess, [i, j]))
+        });
+        PlaneCovariance::of_fit(self.pivot_px(), entries)
     }
 
     /// Returns the pixel at which the plane's position is defined.
@@ -101,21 +113,26 @@ impl Refined {
         self.unknown.plane.pivot_px()
     }
 
-    /// Returns the covariance, for independent measurements, of a pixel's position (mm), the
-    /// phantom's rotation (rad) and shift (mm), and the lag (s).
-    pub(super) fn together(&self, certainty: &Certainty, px: DVec2) -> [[f64; TOGETHER]; TOGETHER] {
+    /// Returns the covariance, for independent measurements, of numbers with these derivatives by
+    /// the plane, followed by the phantom's rotation (rad) and shift (mm), and the lag (s).
+    fn together<const T: usize>(&self, certainty: &Certainty, by_plane: [[f64; NUMBERS]; T]) -> [[f64; T]; T] {
         let Unknown { plane, phantom_turn, phantom_shift, lag } = self.unknown;
         let one = |row: usize, first: usize| -> [f64; 3] {
-            std::array::from_fn(|i| if row == first + i { 1.0 } else { 0.0 })
+            std::array::from_fn(|i| if row == T - KNOWN + first + i { 1.0 } else { 0.0 })
         };
-        let by_plane = plane.first_of(&self.solution.state, px);
         certainty.propagated(|all| {
             plane
                 .add_to(all, by_plane)
-                .by(phantom_turn, std::array::from_fn(|row| one(row, 3)))
-                .by(phantom_shift, std::array::from_fn(|row| one(row, 6)))
-                .by(lag, std::array::from_fn(|row| if row == TOGETHER - 1 { [1.0] } else { [0.0] }))
+                .by(phantom_turn, std::array::from_fn(|row| one(row, 0)))
+                .by(phantom_shift, std::array::from_fn(|row| one(row, 3)))
+                .by(lag, std::array::from_fn(|row| if row == T - 1 { [1.0] } else { [0.0] }))
         })
+    }
+
+    /// Returns the variance of the lag, s².
+    pub(super) fn lag_variance(&self) -> f64 {
+        let all: [[f64; OWN]; OWN] = self.together(self.solution.certainty(), own_numbers());
+        lasted(&all, &self.known, self.lasting * self.excess, [OWN - 1; 2])
     }
 
     /// Returns the predicted error of a pixel's position, one standard deviation: the root of

@@ -4,6 +4,7 @@ use super::*;
 use crate::least_squares::tests::jacobian::check_jacobian;
 use crate::probe::linear::start;
 use crate::probe::plane::ImagePlane;
+use crate::tests::coverage::Coverage;
 use crate::tests::noise::{self, mahalanobis};
 use crate::tests::wire_scans::{Imperfect, SIZE_PX, Scan, places};
 
@@ -95,6 +96,7 @@ fn predicted_error_matches_error() {
     let imperfect = Imperfect { position_mm: 0.3, turn_deg: 0.2, dot_px: 1.0, lag_s: 0.0 };
     let seeds = 400;
     let mut sums = [0.0; 5];
+    let mut coverage = Coverage::new();
     for seed in 0..seeds {
         let scan = Scan::new(40, imperfect, &mut noise::Noise::new(1000 + seed));
         let refined = found(&scan, &registration(&scan, 0.4), PLANE);
@@ -102,9 +104,11 @@ fn predicted_error_matches_error() {
             let error = refined.plane.point(px) - scan.plane.point(px);
             *sum += mahalanobis(error.to_array(), &refined.covariance_mm2(px));
         }
+        coverage.add(&refined.plane, &refined.covariance().unwrap(), &scan.plane);
     }
     let means = sums.map(|sum| sum / seeds as f64);
     assert!(means.iter().all(|mean| (mean - 3.0).abs() < 0.35), "{means:?}");
+    coverage.check("N-wires");
 }
 
 #[test]

@@ -18,10 +18,10 @@ use super::detection::Detection;
 use super::{Place, Target};
 use crate::least_squares::loss::as_rare;
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve};
-use crate::probe::plane::ImagePlane;
-use crate::probe::scatter::{SOURCES, Scattered, settled};
+use crate::probe::plane::{ImagePlane, NUMBERS};
+use crate::probe::scatter::{Absorbed, SOURCES, Scattered, settled};
 use crate::probe::track::Track;
-use crate::probe::unknown::{NUMBERS, UnknownPlane};
+use crate::probe::unknown::UnknownPlane;
 use crate::statistics::correlation_length;
 
 /// Scatter and plane are estimated in turn at most this often …
@@ -80,7 +80,7 @@ pub struct Refined {
     pub(super) solution: Solution,
     /// Information of the priors: of the target's position, and of the lag.
     pub(super) known: [f64; KNOWN],
-    /// Sum of squares of whitened residuals over the degrees of freedom.
+    /// Factor of the covariance for the scatter that the parameters absorbed.
     pub(super) excess: f64,
 }
 
@@ -292,16 +292,16 @@ impl<'a> Problem<'a> {
         solution: Solution,
     ) -> Refined {
         let state = &solution.state;
-        let (mut squares, mut count) = (0.0, 0);
+        let mut absorbed = Absorbed::default();
         for (picture, whitening) in pictures.iter().zip(whitenings) {
-            squares += (whitening * self.scattered(state, picture).residuals).norm_squared();
-            count += whitening.nrows();
+            let of_picture = solution.certainty().absorbed(|blocks| {
+                self.put(state, std::slice::from_ref(picture), std::slice::from_ref(whitening), blocks);
+            });
+            absorbed.add(&self.scattered(state, picture), whitening, &of_picture);
         }
         let mut known = [0.0; KNOWN];
-        let mut freedom = 8 + 3 + usize::from(self.has_lag);
         if let Target::Tip { error_mm, .. } = self.target {
             known[..3].fill(error_mm.powi(-2));
-            freedom -= 3;
         }
         if self.has_lag {
             known[3] = USUAL_LAG_S.powi(-2);
@@ -321,9 +321,7 @@ impl<'a> Problem<'a> {
             used,
             unknown: self.unknown,
             known,
-            // The most likely scatter is too small, because the parameters absorb part of the
-            // residuals.
-            excess: squares / count.saturating_sub(freedom).max(1) as f64,
+            excess: absorbed.factor(variances),
             solution,
         };
         let lag_se_s = refined.lag_variance().max(0.0).sqrt();

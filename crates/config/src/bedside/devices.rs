@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use calibration::tracker::noise::TrackerNoise;
 use drivers::OpenSettings;
 use drivers::arm::microscribe::Family;
 use drivers::arm::{self, ArmSettings};
@@ -66,6 +67,11 @@ impl Tracking {
         }
     }
 
+    /// Whether a second sensor, on the patient, carries the world.
+    pub fn has_reference(&self) -> bool {
+        self.names().iter().any(|(from, _)| from == REFERENCE_FRAME)
+    }
+
     /// Returns the frames of its transforms, the source frame first.
     pub fn names(&self) -> Vec<Names> {
         let to_tracker = |frame: &str| (frame.to_owned(), TRACKER_FRAME.to_owned());
@@ -113,6 +119,8 @@ pub struct Tracker {
     pub settings: polhemus::Settings,
     /// Roles of its stations.
     pub roles: Roles,
+    /// Noise of a sensor's pose, if the configuration gives it.
+    pub noise: Option<TrackerNoise>,
     /// Latency of its times beyond the delay that the driver knows, ns.
     pub latency_ns: i64,
 }
@@ -175,7 +183,8 @@ impl Tracker {
         };
         let roles = Roles { probe, reference, stylus };
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
-        let tracker = Self { model, port, settings, roles, latency_ns };
+        let noise = keys.noise(given.noise)?;
+        let tracker = Self { model, port, settings, roles, noise, latency_ns };
         let port = tracker.port.clone().unwrap_or(Port::Serial { path: VIRTUAL.into(), baud: None });
         drivers::open(&tracker.open_settings(port, false)).map_err(|error| keys.refused(&error))?;
         Ok(tracker)

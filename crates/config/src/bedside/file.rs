@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use calibration::file::Latency;
+use calibration::file::{Latency, record};
+use calibration::probe::plane_covariance::PlaneCovariance;
 use mask::{Clip, MaskError, MaskSettings};
 use phantom::{self, Scan};
 use sonoweave_core::date::Date;
@@ -156,9 +157,9 @@ impl Bedside {
                         "a virtual arm has its own joints and zeros; delete file and image_to_probe",
                     ));
                 }
-                Some(Settings::of_file(&carried.calibration()))
+                Some(exact(Settings::of_file(&carried.calibration())))
             }
-            (Some(virtual_bedside), _) if grabber.is_virtual => Some(of_scan(&virtual_bedside.scan)),
+            (Some(virtual_bedside), _) if grabber.is_virtual => Some(exact(of_scan(&virtual_bedside.scan))),
             _ => None,
         };
         let calibration = given_calibration.or(own).unwrap_or_default();
@@ -239,10 +240,12 @@ fn read_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCali
         }
         (Some(file), None) => {
             let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
-            let preset = settings.preset.as_ref();
-            settings
-                .notes
-                .extend(preset.and_then(|preset| preset.age_warning(Date::today(), given.warn_after_days.into())));
+            let name = match &settings.preset {
+                Some(preset) => format!("the preset \"{}\"", preset.name),
+                None => "the probe's calibration".into(),
+            };
+            let warning = settings.record.age_warning(&name, Date::today(), given.warn_after_days.into());
+            settings.notes.extend(warning);
             Some(settings)
         }
         _ if preset.is_some() => {
@@ -256,6 +259,12 @@ fn read_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCali
         (None, None) => None,
     };
     Ok((settings, clip, fan))
+}
+
+/// Returns the settings with an exact calibration: the simulation itself uses its transform.
+fn exact(settings: Settings) -> Settings {
+    let record = record::Record { covariance: Some(PlaneCovariance::exact()), ..settings.record };
+    Settings { record, ..settings }
 }
 
 /// Returns the virtual bedside's own calibration.

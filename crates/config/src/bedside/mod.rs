@@ -18,6 +18,7 @@ pub mod change;
 pub mod devices;
 mod file;
 mod frames;
+mod noise;
 pub mod plus;
 mod reader;
 mod recorded;
@@ -32,7 +33,7 @@ pub mod volume;
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 use sync::PairingOptions;
 
@@ -140,7 +141,13 @@ impl Bedside {
 /// Returns a pixel's size by the image's calibration, mm along u and v; `None` if nothing
 /// relates the image to the probe.
 pub fn pixel_mm(calibration: &Settings) -> Option<[f64; 2]> {
+    let probe_from_image = probe_from_image(calibration)?;
+    Some([DVec3::X, DVec3::Y].map(|axis| probe_from_image.transform_vector3(axis).length()))
+}
+
+/// Returns the image's calibration: pixels to mm at the probe's sensor, or the arm's last link.
+pub fn probe_from_image(calibration: &Settings) -> Option<DAffine3> {
     let image = calibration.image_frame.as_deref().unwrap_or("Image");
     let transform = calibration.transforms.iter().find(|t| t.from == image && t.to == frames::PROBE_FRAME)?;
-    Some([DVec3::X, DVec3::Y].map(|axis| transform.affine.transform_vector3(axis).length()))
+    Some(transform.affine)
 }

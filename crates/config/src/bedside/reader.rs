@@ -7,11 +7,16 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use calibration::tracker::noise::TrackerNoise;
 use sonoweave_core::keys::{Entry, FileError, Table};
 
+use super::schema::devices::Noise;
 use super::schema::values::{LatencyMs, Notation, RelativePath, ns};
 use super::schema::{self, Section};
 use crate::Error;
+
+/// Largest noise of a sensor, mm and degrees.
+const MOST_NOISE: f64 = 10.0;
 
 /// Effective values by dotted key, given or not; `null` if nothing was given and something else
 /// decides.
@@ -149,6 +154,15 @@ impl<'a, 'e> Reader<'a, 'e> {
         let ms = given.map_or(calibrated_ms, |latency| latency.0);
         self.note("latency_ms", &ms);
         ns(ms)
+    }
+
+    /// Returns the noise of sensors that the key `noise` gives.
+    pub(super) fn noise(&self, given: Option<Noise>) -> Result<Option<TrackerNoise>, Error> {
+        let Some(Noise { mm, deg }) = given else { return Ok(None) };
+        match [mm, deg].iter().all(|sd| (0.0..=MOST_NOISE).contains(sd)) {
+            true => Ok(Some(TrackerNoise { position_mm: mm, rotation_deg: deg })),
+            false => Err(self.error("noise", format!("both numbers must lie between 0 and {MOST_NOISE}"))),
+        }
     }
 
     /// Converts a driver's refusal of settings to an error at the right key.

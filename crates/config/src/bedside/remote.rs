@@ -1,5 +1,6 @@
 //! A server in place of a tracker or a grabber: OpenIGTLink, as used by PLUS.
 
+use calibration::tracker::noise::TrackerNoise;
 use drivers::OpenSettings;
 use drivers::grabber::GrabberSettings;
 use drivers::openigtlink::{RemotePictures, RemoteSettings, RemoteTransforms};
@@ -22,6 +23,8 @@ pub struct Remote {
     pub transforms: Vec<(String, &'static str)>,
     /// Shortest requested time between two messages, ms.
     pub interval_ms: u32,
+    /// Noise of a sensor's pose, if the configuration gives it.
+    pub noise: Option<TrackerNoise>,
     /// Latency of its times beyond the delay that the driver knows, ns.
     pub latency_ns: i64,
 }
@@ -49,7 +52,8 @@ impl Remote {
             transforms.push((name, frame));
         }
         let latency_ns = keys.latency_ns(given.latency_ms, latency_ms);
-        let remote = Self { address, transforms, interval_ms: given.interval_ms, latency_ns };
+        let noise = keys.noise(given.noise)?;
+        let remote = Self { address, transforms, interval_ms: given.interval_ms, noise, latency_ns };
         drivers::open(&remote.open_settings()).map_err(|error| keys.refused(&error))?;
         Ok(remote)
     }

@@ -168,7 +168,7 @@ export class Measure {
       this.#says = told.refused;
     } else {
       this.#results = [{ ...told, figures }, ...this.#results].slice(0, KEPT);
-      this.#speak(figure(told));
+      this.#speak(`${figure(told)}${unknown(told)}`);
     }
     this.#show();
   }
@@ -205,7 +205,7 @@ export class Measure {
   }
 
   #list() {
-    const lines = this.#results.map((result) => [figure(result), `${[parts(result), ...result.notes].join("; ")}.`]);
+    const lines = this.#results.map((result) => [`${figure(result)}${unknown(result)}`, `${[parts(result), ...result.notes].join("; ")}.`]);
     if (this.#sources) lines.unshift(sources(this.#sources));
     const list = this.#of("measure-results");
     while (list.children.length > lines.length) list.lastElementChild.remove();
@@ -229,9 +229,15 @@ export function figure({ value, error, unit }) {
   return `${(value / scale[0]).toFixed(shown)} ± ${(error / scale[0]).toFixed(shown)} ${scale[1]}`;
 }
 
-function parts({ kind, of_calibration: calibration, of_sampling: sampling, unit }) {
-  const known = calibration === null ? "" : `calibration ${calibration.toFixed(2)}, `;
-  return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known}sampling ${sampling.toFixed(2)} ${unit})`;
+/// The words beside a measurement whose calibration error is unknown.
+function unknown({ of_calibration: calibration }) {
+  return calibration === null ? ", calibration error unknown" : "";
+}
+
+function parts({ kind, of_calibration: calibration, of_tracker: tracker, of_sampling: sampling, of_clicks: clicks, unit }) {
+  const causes = { calibration, tracker, sampling, clicks };
+  const known = Object.entries(causes).filter(([, error]) => error !== null).map(([cause, error]) => `${cause} ${error.toFixed(2)}`);
+  return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known.join(", ")} ${unit})`;
 }
 
 function sources({ count, slices }) {

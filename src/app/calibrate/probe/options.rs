@@ -4,14 +4,18 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
-use calibration::probe::refine::PLANE;
+use calibration::error::CovarianceError;
+use calibration::file::Latency;
+use calibration::file::origin::Origin;
+use calibration::file::preset::{Preset, Ruler};
+use calibration::file::record::{Quality, Record};
+use calibration::probe::plane_covariance::PlaneCovariance;
 use config::values;
-use sonoweave_core::date::Date;
 use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::region::ClipRect;
 
 use super::super::guide::{Advisor, Gathering};
+use super::super::outputs::ProbeResult;
 use super::super::recorded::Recorded;
 use crate::failure::Failure;
 
@@ -108,34 +112,36 @@ fn ruler(text: &str) -> Result<Ruler, String> {
     numbers.and_then(|(px, mm)| Ruler::new(px, mm)).ok_or_else(|| "must be two lengths above 0: pixels,mm".into())
 }
 
-/// A calibration, as a preset keeps it.
+/// A calibration, as the file keeps it.
 pub(crate) struct Made {
     pub(crate) probe_from_image: Transform<Probe, Image>,
+    pub(crate) provenance: String,
     pub(crate) size_px: [u32; 2],
     pub(crate) quality: Quality,
-    pub(crate) covariance: [[f64; PLANE.len()]; PLANE.len()],
-    pub(crate) inputs: Vec<calibration::file::preset::Input>,
+    pub(crate) covariance: Result<PlaneCovariance, CovarianceError>,
+    pub(crate) origin: Origin,
+    pub(crate) latency: Option<Latency>,
 }
 
 impl Options {
-    /// Returns the preset, if one was requested.
-    pub(crate) fn preset(&self, made: Made) -> Option<Preset> {
-        let Made { probe_from_image, size_px, quality, covariance, inputs } = made;
-        self.preset.as_ref().map(|name| Preset {
+    /// Returns the calibration for the file, also as a preset if one was requested.
+    ///
+    /// # Errors
+    /// [`Failure`] for a calibration that is too uncertain.
+    pub(crate) fn result(&self, made: Made) -> Result<ProbeResult, Failure> {
+        let Made { probe_from_image, provenance, size_px, quality, covariance, origin, latency } = made;
+        let covariance = covariance
+            .map_err(|problem| Failure(format!("{}: the result is too uncertain: {problem}", self.path().display())))?;
+        let record = Record { origin, picture_px: Some(size_px), quality: Some(quality), covariance: Some(covariance) };
+        let preset = self.preset.as_ref().map(|name| Preset {
             name: name.clone(),
             probe_from_image,
-            made: Some(Date::today()),
-            picture_px: Some(size_px),
             ruler: self.ruler,
             clip: None,
             fan: None,
-            quality: Some(quality),
-            covariance: Some(Covariance {
-                parameters: PLANE.map(str::to_owned).to_vec(),
-                rows: covariance.iter().map(|row| row.to_vec()).collect(),
-            }),
-            inputs,
-        })
+            record: record.clone(),
+        });
+        Ok(ProbeResult { probe_from_image, provenance, record, preset, latency })
     }
 
     /// Returns the recording's file.

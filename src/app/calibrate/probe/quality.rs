@@ -2,9 +2,10 @@
 
 use glam::DVec2;
 
-use calibration::file::preset::Quality;
+use calibration::file::record::Quality;
 use calibration::probe::Calibration;
 use calibration::probe::errors::Errors;
+use calibration::tracker::noise::TrackerNoise;
 
 /// Returns the predicted error at the image's centre, and at its worst corner: one standard
 /// deviation, mm.
@@ -19,15 +20,17 @@ pub(crate) fn ends(size_px: [u32; 2], of: impl Fn(DVec2) -> f64) -> [f64; 2] {
     [of(DVec2::new(0.5 * u, 0.5 * v)), corners.into_iter().fold(0.0, f64::max)]
 }
 
-/// Returns the quality numbers that a preset keeps.
+/// Returns the quality numbers that the file keeps.
 pub(crate) fn quality(found: &Calibration) -> Quality {
     let [centre_mm, corner_mm] = predicted_ends(found);
     let both = |errors: &Errors| [errors.mean, errors.sd];
+    let scatter = found.refined.scatter;
     Quality {
         frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
         error_mm: both(&found.errors[0]),
         validation_error_mm: found.validation.as_ref().map(|[middle, _]| both(middle)),
         centre_mm,
         corner_mm,
+        sensors: Some(TrackerNoise { position_mm: scatter.position_mm, rotation_deg: scatter.turn_rad.to_degrees() }),
     }
 }

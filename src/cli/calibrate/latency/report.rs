@@ -125,6 +125,11 @@ impl Report {
         Latency { video_ms: self.video_ms, tracker_ms: self.tracker_ms, lag_se_ms: Some(1e3 * self.lag_se_s) }
     }
 
+    /// Returns the recordings.
+    pub(super) fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
     /// Returns the result's provenance, in one line.
     pub(super) fn provenance(&self) -> String {
         let names: Vec<String> = self.inputs.iter().map(Input::name).collect();

@@ -35,17 +35,9 @@ pub(super) fn run(options: &Options, outputs: &Outputs) -> Result<(), Failure> {
         stylus_tip: tip_file.map(Input::of).transpose()?,
         validation: validate.as_deref().map(Input::of).transpose()?,
     };
-    let probe_from_image = found.refined.probe_from_image();
     let provenance =
         format!("{}, {} frames of {}, {:.2} mm", method.title(), found.used(), inputs.input.name(), found.errors.mean);
-    let made = Made {
-        probe_from_image,
-        size_px: found.size_px,
-        quality: quality(found),
-        covariance: found.refined.covariance(),
-        inputs: inputs.all().map(Input::listed).collect(),
-    };
-    let preset = options.preset(made);
+    let origin = outputs.origin(inputs.all());
     let text = text(found, *method, reference);
     let reproducibility = outputs.wants_report().then(|| done.reproducibility());
     let report = Report::new(found, inputs, *method, reference.clone(), *limit)
@@ -53,8 +45,17 @@ pub(super) fn run(options: &Options, outputs: &Outputs) -> Result<(), Failure> {
         .with_reproducibility(reproducibility.flatten());
     let lag = Lag::of(outputs, recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
+    let result = options.result(Made {
+        probe_from_image: found.refined.probe_from_image(),
+        provenance,
+        size_px: found.size_px,
+        quality: quality(found),
+        covariance: found.refined.covariance(),
+        origin,
+        latency,
+    })?;
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?));
-    outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
+    outputs.write_probe(result, &report, page)?;
     print(&(text + &of_lag + &outputs.summary()))
 }

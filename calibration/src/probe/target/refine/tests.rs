@@ -1,5 +1,6 @@
 use super::*;
 use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::coverage::Coverage;
 use crate::tests::noise::{Noise as Random, mahalanobis};
 use crate::tests::target_scans::{GOOD, Imperfect, Scan};
 use crate::tests::wire_scans::places;
@@ -83,6 +84,7 @@ fn predicted_error_matches_error() {
         let of_plane = Imperfect { position_mm: 0.05, turn_deg: 0.03, seen_px: 0.5, ..Imperfect::default() };
         let (imperfect, pictures) = if target == Target::Plane { (of_plane, 120) } else { (imperfect, 60) };
         let mut sums = [0.0; 5];
+        let mut coverage = Coverage::new();
         for seed in 0..seeds {
             let mut random = Random::new(1000 + seed);
             let off = random.vector(0.2);
@@ -92,14 +94,17 @@ fn predicted_error_matches_error() {
                 Target::Tip { place_mm, error_mm } => Target::Tip { place_mm: place_mm + off, error_mm },
                 other => other,
             };
-            let refined = found(&Scan { target, ..scan }, false);
+            let scan = Scan { target, ..scan };
+            let refined = found(&scan, false);
             for (sum, px) in sums.iter_mut().zip(places()) {
                 let error = refined.plane.point(px) - scan.plane.point(px);
                 *sum += mahalanobis(error.to_array(), &refined.covariance_mm2(px));
             }
+            coverage.add(&refined.plane, &refined.covariance().unwrap(), &scan.plane);
         }
         let means = sums.map(|sum| sum / seeds as f64);
         assert!(means.iter().all(|mean| (mean - 3.0).abs() < 0.35), "{target:?} {means:?}");
+        coverage.check(&format!("{target:?}"));
     }
 }
 

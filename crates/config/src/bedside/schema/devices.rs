@@ -55,11 +55,25 @@ pub(crate) struct Tracker {
     /// Permission to restart a unit that does not answer, which takes 10 to 20 s
     #[default(TrackerSettings::default().may_reset)]
     pub(crate) may_reset: bool,
+    /// Noise of a sensor along and about each axis, as standard deviations, for the error of
+    /// measurements; default: the calibration file's
+    #[schemars(extend("x-takes" = "{ mm, deg }"))]
+    pub(crate) noise: Option<Noise>,
     pub(crate) latency_ms: Option<LatencyMs>,
 }
 
 named! {
     Model: Model::ALL.map(|model| (model.name(), model));
+}
+
+/// Noise of a sensor's position and rotation.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Noise {
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) mm: f64,
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) deg: f64,
 }
 
 /// The encoder arm, if one carries the probe
@@ -145,6 +159,10 @@ pub(crate) struct Remote {
     #[schemars(range(max = 1000))]
     #[default(5)]
     pub(crate) interval_ms: u32,
+    /// Noise of a sensor along and about each axis, as standard deviations, for the error of
+    /// measurements; default: the calibration file's
+    #[schemars(extend("x-takes" = "{ mm, deg }"))]
+    pub(crate) noise: Option<Noise>,
     pub(crate) latency_ms: Option<LatencyMs>,
 }
 

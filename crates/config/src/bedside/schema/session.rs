@@ -15,7 +15,7 @@ pub(crate) struct Calibration {
     pub(crate) file: Option<RelativePath>,
     /// Name of a preset of the calibration file; default: the only one
     pub(crate) preset: Option<String>,
-    /// Age of a preset above which a warning is given
+    /// Age of the probe's calibration above which a warning is given
     #[schemars(range(min = 1, max = 36_500))]
     #[default(180)]
     pub(crate) warn_after_days: u32,
