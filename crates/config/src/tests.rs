@@ -199,8 +199,8 @@ fn command_line_precedes_configuration() {
 
 #[test]
 fn keys_of_mask_shape_give_that_mask() {
-    let head = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n\
-                [grabber]\ndevice = \"virtual\"\n[calibration]\n";
+    let head = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"/dev/ttyUSB0\"\n\
+                [grabber]\ndevice = \"/dev/video0\"\n[calibration]\n";
     let fan = Fan::new([320.25, -41.5], [100.0, 412.75], [-33.125, 34.0]).unwrap();
     for shape in [MaskShape::Whole, MaskShape::Rectangle(ClipRect::new(12, 3, 400, 300).unwrap()), MaskShape::Fan(fan)]
     {
