@@ -1,6 +1,6 @@
 //! Device drivers and recordings: they read bytes and deliver readings.
 //!
-//! [`list`] finds the devices that can be opened, and [`open`] opens one by its typed settings.
+//! [`list`] finds the devices that can be opened, and [`open()`] opens one by its typed settings.
 //! A [`Device`](sonoweave_core::Device) is started, asked for its next reading, and stopped.
 //! Recordings implement the same trait, so code that works on a file also works on live
 //! hardware. This crate knows nothing of volumes, calibration or display. Readings keep
