@@ -40,7 +40,7 @@ impl fmt::Debug for VirtualBedside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // A scan's scene and beams have a hundred thousand numbers, so they are left out.
         let Self { scan: _, rate_hz, painted, line, grabber } = self;
-        let mut text = f.debug_struct("Rehearsal");
+        let mut text = f.debug_struct("VirtualBedside");
         text.field("rate_hz", rate_hz).field("painted", painted);
         text.field("line", line).field("grabber", grabber).finish_non_exhaustive()
     }

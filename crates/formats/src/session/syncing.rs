@@ -10,7 +10,7 @@
 //!
 //! | from a message's hand-over until | at most |
 //! |---|---|
-//! | its chunk is closed and written, and a sync is requested (`WriterOptions::chunk_ns`) | 400 ms |
+//! | its chunk is written, and a sync is requested (`WriterOptions::chunk_ns`) | 400 ms |
 //! | the recorder's next turn, if no message comes meanwhile | 100 ms |
 //! | a sync that runs already has ended | 250 ms |
 //! | the requested sync has ended | 250 ms |
