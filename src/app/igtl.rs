@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use igtl::{ClientNumbers, Commands, Hub, IgtlError, Server};
+use igtl::{Commands, Hub, IgtlError, Server};
 use ipnet::IpNet;
 use pipeline::Observer;
 use pipeline::control::SessionController;
@@ -96,9 +96,7 @@ impl IgtlServer {
 
     /// Returns the numbers of clients.
     pub(crate) fn numbers(&self) -> IgtlNumbers {
-        let ClientNumbers { served, not_allowed, turned_away, cut_off, too_many, nonsense, replaced } =
-            self.server.counts().numbers();
-        IgtlNumbers { served, not_allowed, turned_away, cut_off, too_many, nonsense, replaced }
+        self.server.counts().numbers()
     }
 
     /// Registers as an observer of the session and as a reader of its volume.
@@ -122,7 +120,7 @@ impl IgtlServer {
 
     /// Reports the clients' connection counts at the end, if there were any.
     pub(crate) fn leave(self, reporter: &dyn Reporter, quiet: bool) {
-        if let (Some(sentence), false) = (self.server.counts().numbers().sentence(), quiet) {
+        if let (Some(sentence), false) = (self.server.counts().sentence(), quiet) {
             reporter.say(&sentence);
         }
     }

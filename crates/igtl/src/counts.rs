@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use statistics::IgtlNumbers;
+
 /// Counters of clients and messages.
 #[derive(Debug, Default)]
 pub struct Counts {
@@ -27,9 +29,9 @@ impl Counts {
     }
 
     /// Returns the present counts.
-    pub fn numbers(&self) -> ClientNumbers {
+    pub fn numbers(&self) -> IgtlNumbers {
         let of = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        ClientNumbers {
+        IgtlNumbers {
             served: of(&self.served),
             not_allowed: of(&self.not_allowed),
             turned_away: of(&self.turned_away),
@@ -39,25 +41,10 @@ impl Counts {
             replaced: of(&self.replaced),
         }
     }
-}
 
-/// The counts at a moment, as in [`Counts`].
-#[allow(missing_docs, reason = "documented in Counts")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ClientNumbers {
-    pub served: u64,
-    pub not_allowed: u64,
-    pub turned_away: u64,
-    pub cut_off: u64,
-    pub too_many: u64,
-    pub nonsense: u64,
-    pub replaced: u64,
-}
-
-impl ClientNumbers {
     /// Returns the counts in words, if there were any clients.
     pub fn sentence(&self) -> Option<String> {
-        let Self { served, not_allowed, turned_away, cut_off, too_many, nonsense, replaced } = self;
+        let IgtlNumbers { served, not_allowed, turned_away, cut_off, too_many, nonsense, replaced } = self.numbers();
         (served + not_allowed + turned_away > 0).then(|| {
             format!(
                 "OpenIGTLink: {served} clients, {not_allowed} refused as not allowed, {turned_away} as too many, \

@@ -49,7 +49,7 @@ mod tests;
 use std::time::Duration;
 
 pub use commands::Commands;
-pub use counts::{ClientNumbers, Counts};
+pub use counts::Counts;
 pub use error::IgtlError;
 pub use hub::Hub;
 pub use server::Server;

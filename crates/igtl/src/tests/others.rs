@@ -54,7 +54,7 @@ fn connections_outside_networks_are_closed_and_counted() {
         assert!(is_closed(&mut peer_from("127.0.2.7", at(&bench))), "{address}");
         let numbers = bench.server.counts().numbers();
         assert_eq!((numbers.served, numbers.not_allowed, numbers.turned_away), (2, 1, 0), "{address}");
-        let sentence = numbers.sentence().unwrap();
+        let sentence = bench.server.counts().sentence().unwrap();
         assert!(sentence.starts_with("OpenIGTLink: 2 clients, 1 refused as not allowed"), "{sentence}");
     }
 }
