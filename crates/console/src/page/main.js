@@ -49,6 +49,7 @@ const planes = new Planes(of, line, () => {
 measured.open.planes = planes.open;
 const measure = new Measure(of, {
   at: () => (planes.shown ? planes.at() : null),
+  perScreen: () => of("view").width / of("view").clientWidth,
   draw: (figures, slices, open) => {
     planes.mark(figures, slices);
     viewFigures.show(figures, open);

@@ -23,6 +23,7 @@ export class Measure {
   #of;
   #draw;
   #at = () => null;
+  #perScreen = () => 1;
   #ask;
   #speak;
   #points = [];
@@ -34,13 +35,15 @@ export class Measure {
   open = { open: false, kind: "distance", points: [], results: [], sources: null };
 
   /// `of(id)` returns the element of that id. `at()` returns the crossing of the planes, `{
-  /// point, pixel_mm }`, or null if none are shown. `draw(figures, slices, open)` draws on the
-  /// planes and in the view. `ask(path, body)` sends a request to the session. `speak(words)`
-  /// announces words to screen readers.
-  constructor(of, { at, draw, ask, speak }) {
+  /// point, pixel_mm }`, or null if none are shown. `perScreen()` returns the view's pixels for
+  /// each pixel of the screen. `draw(figures, slices, open)` draws on the planes and in the view.
+  /// `ask(path, body)` sends a request to the session. `speak(words)` announces words to screen
+  /// readers.
+  constructor(of, { at, perScreen, draw, ask, speak }) {
     this.#of = of;
     this.#draw = draw;
     this.#at = at;
+    this.#perScreen = perScreen;
     this.#ask = ask;
     this.#speak = speak;
     const kinds = of("measure-kind");
@@ -105,7 +108,7 @@ export class Measure {
     const told = await this.#seen;
     if (round !== this.#round || !this.open.open) return;
     if (told.refused) this.#refused(told.refused);
-    else this.#mark(told);
+    else this.#mark({ ...told, pixel_mm: told.pixel_mm * this.#perScreen() });
   }
 
   #seen = Promise.resolve();

@@ -105,6 +105,12 @@ export class Plane {
     this.#picture.restart();
   }
 
+  /// Returns the width of a screen pixel (CSS) on the plane, mm; null before there is a picture.
+  pixelMm() {
+    const { clientWidth } = this.#canvas;
+    return this.lies && clientWidth > 0 ? (this.lies.mm_per_px * this.lies.size[0]) / clientWidth : null;
+  }
+
   control(steers) {
     this.#steers = steers;
     this.#canvas.classList.toggle("steered", steers);

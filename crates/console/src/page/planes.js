@@ -26,6 +26,8 @@ export class Planes {
   #changed;
   #steers = false;
   #cross = null;
+  // The plane that a hand used last.
+  #used = null;
   #turn = -1;
   #wished = -Infinity;
   #tilt = null;
@@ -63,7 +65,11 @@ export class Planes {
     for (const kind of KINDS) {
       this.open.pictures[kind] = { drawn: 0, left_out: 0, whole: true };
       this.#planes[kind] = new Plane(kind, actions, settled, (plane, lies) => this.#drawn(plane, lies));
-      of("planes-grid").append(this.#planes[kind].element);
+      const { element } = this.#planes[kind];
+      for (const event of ["pointerdown", "wheel", "keydown"]) {
+        element.addEventListener(event, () => (this.#used = this.#planes[kind]), { capture: true, passive: true });
+      }
+      of("planes-grid").append(element);
     }
     this.#levels = new Levels({ room: of("levels-room"), preset: of("levels-preset"), says: of("levels-says"), greys: of("levels-greys"), looks: of("levels-looks") }, send);
     of("planes-open").addEventListener("click", () => this.toggle());
@@ -91,10 +97,12 @@ export class Planes {
     this.#levels.control(this.#steers);
   }
 
-  /// Returns the crossing point and the planes' pixel width; null before there is one.
+  /// Returns the crossing point and the width of a screen pixel there, on the plane that the hand
+  /// used last or else on the coarsest; null before there is one.
   at() {
-    const lies = Object.values(this.#planes).find((plane) => plane.lies)?.lies;
-    return this.#cross && lies ? { point: this.#cross, pixel_mm: lies.mm_per_px } : null;
+    const used = this.#used?.pixelMm();
+    const widths = used ? [used] : Object.values(this.#planes).flatMap((plane) => plane.pixelMm() ?? []);
+    return this.#cross && widths.length > 0 ? { point: this.#cross, pixel_mm: Math.max(...widths) } : null;
   }
 
   /// Receives the intersections with missed regions and with the present slice.
