@@ -1,6 +1,7 @@
 #!/bin/sh
-# Builds all tests, and runs their programs side by side, one for each core: many of them mostly
-# wait. Prints the time of each program, and what a failed one has printed.
+# Builds all tests, and runs their programs side by side: one for each core, and one of those that
+# mostly wait for devices and clients. Prints the time of each program, and what a failed one has
+# printed.
 #
 #   scripts/test.sh CARGO-OPTIONS…
 #
@@ -35,6 +36,8 @@ if [ "$program" = doc ]; then
     # shellcheck disable=SC2086 # options are words
     cargo test $4 --doc >"$logs/$package-doc.log" 2>&1
 else
+    # The command line's tests wait half of the time.
+    case $program in */cli-*) export RUST_TEST_THREADS=4 ;; esac
     CARGO=$(command -v cargo) CARGO_MANIFEST_DIR=$folder CARGO_PKG_NAME=$package "$program" \
         >"$logs/$(basename "$program").log" 2>&1
 fi
@@ -53,13 +56,19 @@ else
 fi
 EOF
 chmod +x "$logs/run"
+# Their tests mostly wait, many at a time.
+waiting='/(live|console|igtl|listener|steady|damage|fuzz_corpus|session)-[0-9a-f]*$'
+grep -E "$waiting" "$logs/programs" >"$logs/waiting"
 {
-    sed -En '/\/(cli|recordings|stress|live|calibration)-[0-9a-f]*$/p' "$logs/programs"
+    grep -E '/(cli|recordings|stress|calibration)-[0-9a-f]*$' "$logs/programs"
     echo "documentation $PWD doc $(printf '"%s"' "$*")"
-    sed -E '/\/(cli|recordings|stress|live|calibration)-[0-9a-f]*$/d' "$logs/programs"
+    grep -Ev "$waiting|/(cli|recordings|stress|calibration)-[0-9a-f]*$" "$logs/programs"
 } >"$logs/order"
+RUST_TEST_THREADS=8 xargs -L 1 "$logs/run" <"$logs/waiting" &
+waited=$!
 code=0
 xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
+wait "$waited" || code=$?
 [ $code -eq 0 ] || {
     echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p PACKAGE --test NAME" >&2
     exit 1

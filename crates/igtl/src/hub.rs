@@ -19,7 +19,7 @@ use super::VOLUME_EVERY;
 /// Largest data rate of volumes, bytes per second: larger volumes are sent less often.
 const VOLUME_RATE: f64 = 20e6;
 /// Shortest interval of requested volumes.
-const REQUESTED_EVERY: Duration = Duration::from_millis(200);
+pub(super) const REQUESTED_EVERY: Duration = Duration::from_millis(200);
 /// Largest volume, bytes.
 const MOST_BYTES: u64 = 1 << 28;
 /// Largest number of voxels along an axis, by the protocol.
