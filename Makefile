@@ -1,6 +1,6 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
-.PHONY: all setup quick style test demo check mutants stress bench fuzz peers hardware-test interop \
+.PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test reach console-cost console-reach paper pareto deb deb-test fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
@@ -47,6 +47,13 @@ stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test steady
+
+# Runs a whole session for HOURS: 60 frames a second, recorded, viewed on a page that turns the view,
+# with faults each minute. Its memory must stay constant, its losses be named, and its recording
+# replay to the same bits. Two hours need 10 GB of disk. Nothing else should run meanwhile.
+HOURS ?= 2
+soak: setup
+	SONOWEAVE_SOAK_HOURS=$(HOURS) cargo test --release $(PACKAGES) --test soak -- --nocapture
 
 # Measures run times. Every timed run checks its answer.
 bench: setup

@@ -108,10 +108,13 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let grabber: Box<dyn Device> = match &hand {
         Some((hand, VirtualBedside { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
             let (size, orientation) = (scan.settings().image_size, bedside.grabber.settings.orientation);
-            let pictures = if *painted { hand.painted() } else { hand.pictures() };
+            let (pictures, prepared_bytes) = match *painted {
+                true => (hand.painted(), u64::from(scan.frames()) * u64::from(size[0]) * u64::from(size[1])),
+                false => (hand.pictures(), 0),
+            };
             let pictures = lying(pictures, size, orientation);
             let mut grabber = Grabber::new(pictures, bedside.grabber.turned(size), *rate_hz, *faults, clock)?;
-            grabber.orientation = orientation;
+            (grabber.orientation, grabber.prepared_bytes) = (orientation, prepared_bytes);
             Box::new(grabber)
         }
         _ => drivers::open(&bedside.grabber.open_settings())?,

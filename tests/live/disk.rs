@@ -158,7 +158,9 @@ fn full_disk_leaves_file_valid_up_to_that_point() {
     let begin_ns = begin();
     let refuses = Arc::new(AtomicBool::new(false));
     let disk = Refusing { disk: Memory::default(), why: ErrorKind::StorageFull, refuses: Arc::clone(&refuses) };
-    let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60)).recorded(disk.clone(), tight(), 0);
+    // Room for all, so that a busy machine loses none before the disk is full.
+    let options = WriterOptions { held_bytes: 10 << 20, ..tight() };
+    let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60)).recorded(disk.clone(), options, 0);
     let (finished, seen) = set.until(|status, _| {
         // By what is stored, as a busy machine stores late: a sixth of it are frames.
         let stored = status.recording.as_ref().map_or(0, |recording| recording.stored);

@@ -82,6 +82,10 @@ pub(super) fn text(statistics: &LiveStatistics<'_>) -> String {
         .sample(&[], f64::from(u8::from(granted.realtime)));
     to.gauge("sonoweave_memory_locked", "1 if memory is not paged out.")
         .sample(&[], f64::from(u8::from(granted.memory_locked)));
+    let mut memory = to.gauge("sonoweave_memory_bytes", "Memory in use, by owner.");
+    for (owner, bytes) in statistics.account.memory.owners() {
+        memory.sample(&[("owner", owner)], bytes as f64);
+    }
     frames(&mut to, statistics.account);
     readings(&mut to, statistics.account);
     devices(&mut to, statistics.account);

@@ -43,6 +43,11 @@ pub trait Device: Send {
         Err(Error::NoAxes(self.describe().name.clone()))
     }
 
+    /// Returns the memory of frames that a virtual device rendered beforehand, bytes.
+    fn prepared_bytes(&self) -> u64 {
+        0
+    }
+
     /// Returns the facts known before the first reading; hardware adds more after its set-up.
     fn describe(&self) -> &Description;
 

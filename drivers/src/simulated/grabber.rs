@@ -50,6 +50,8 @@ pub struct Grabber {
     rate_hz: f64,
     /// Orientation of its frames that it reports; none by default.
     pub orientation: &'static str,
+    /// Memory of frames that were rendered beforehand, bytes; 0 by default.
+    pub prepared_bytes: u64,
     faults: Faults,
     random: fastrand::Rng,
     clock: Arc<dyn Clock>,
@@ -107,6 +109,7 @@ impl Grabber {
             size,
             rate_hz,
             orientation: "",
+            prepared_bytes: 0,
             faults,
             random: fastrand::Rng::with_seed(faults.seed),
             clock,
@@ -267,6 +270,10 @@ impl Device for Grabber {
 
     fn describe(&self) -> &Description {
         &self.description
+    }
+
+    fn prepared_bytes(&self) -> u64 {
+        self.prepared_bytes
     }
 
     fn health(&self) -> &Health {

@@ -89,6 +89,7 @@ impl OutcomeSink for OutcomeReporter<'_> {
         self.pending.note(inserted, times.map(|times| times.captured_ns));
         let mut status = status.lock();
         status.volume = self.pending.extent();
+        status.memory.volume_bytes = inserted.reconstructor.volume().bytes();
         status.ledger.used();
         let path = inserted.reconstructor.path().name();
         if status.path != Some(path) {
@@ -173,7 +174,9 @@ impl Inserting<'_> {
                 self.change(|inserter, reporter| {
                     inserter.clear(reporter)?;
                     reporter.pending.clear();
-                    reporter.common.status.lock().volume = None;
+                    let mut status = reporter.common.status.lock();
+                    (status.volume, status.memory.volume_bytes) = (None, 0);
+                    drop(status);
                     Ok(())
                 })?;
             }

@@ -413,7 +413,9 @@ fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Reco
         }
         Err(error) => {
             tracing::error!("{}: {error}", recording.path.display());
-            recording.status = Account { trouble: error.to_string(), ..before };
+            // Those that waited are lost.
+            let lost = before.messages - before.stored;
+            recording.status = Account { trouble: error.to_string(), lost, held_bytes: 0, ..before };
         }
     }
 }

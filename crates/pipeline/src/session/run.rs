@@ -163,6 +163,8 @@ impl Wiring<'_> {
         let is_live = matches!(opened, Opened::Devices(_));
         let recorded = record.as_ref().filter(|record| !record.full_frame).map(|_| session.mask);
         let status = StatusCollector::new(&roles, session.stuck_after_ns).recording_of(recorded);
+        let prepared_bytes = devices.iter().map(|device| device.prepared_bytes()).sum();
+        let status = status.with_memory(frame_bytes(devices), prepared_bytes);
         notes.into_iter().for_each(|note| status.note(note));
         let in_flight = InFlight::new(if is_live { FRAME_BYTES / frame_bytes(devices).max(1) } else { u64::MAX });
         let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));

@@ -9,6 +9,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use mask::{MaskFound, MaskSettings};
+use render::RenderMemory;
 use sonoweave_core::Health;
 use sonoweave_core::health::State;
 use sonoweave_core::ledger::{Ledger, Queue, Readings};
@@ -18,6 +19,7 @@ use sync::graph::Route;
 use sync::ingest::live::Gives;
 
 use super::device::DeviceRole;
+use super::memory::MemoryByOwner;
 use super::picture::Drawn;
 use super::priority::SchedulingGrant;
 use super::recorder::{Recording, Unwritten};
@@ -109,6 +111,8 @@ pub struct SessionStatus {
     pub frozen: bool,
     /// The recording, as reported by the writer.
     pub recording: Option<Written>,
+    /// Memory in use.
+    pub memory: MemoryByOwner,
     /// Scheduling grant of the threads.
     pub scheduling: SchedulingGrant,
     /// Progress of the stages that run during a session.
@@ -165,6 +169,8 @@ pub(super) struct StatusCollector {
     stuck_after_ns: AtomicI64,
     /// Settings of the part of frames that is recorded; `None` for all of it.
     recorded: Option<MaskSettings>,
+    /// Bytes of a frame.
+    frame_bytes: u64,
 }
 
 impl StatusCollector {
@@ -198,7 +204,14 @@ impl StatusCollector {
             rows,
             stuck_after_ns: AtomicI64::new(stuck_after_ns),
             recorded: None,
+            frame_bytes: 0,
         }
+    }
+
+    /// Sets the size of a frame, and the devices' prepared data, bytes.
+    pub(super) fn with_memory(self, frame_bytes: u64, prepared_bytes: u64) -> Self {
+        self.lock().memory.prepared_bytes = prepared_bytes;
+        Self { frame_bytes, ..self }
     }
 
     /// Sets the part of frames that is recorded; `None` for all of it.
@@ -214,6 +227,7 @@ impl StatusCollector {
     pub(super) fn snapshot(&self) -> SessionStatus {
         let mut status = self.lock().clone();
         status.stages = self.turns.turns();
+        status.memory.queue_bytes = status.ledger.frames.waiting * self.frame_bytes;
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         for (device, last) in status.devices.iter_mut().zip(last.iter()) {
             device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());
@@ -302,7 +316,9 @@ impl StatusCollector {
     /// Sets the status of the recording.
     pub(super) fn recording(&self, recording: &Recording) {
         let Recording { path, status, lost, ended, after_end, unsynced, room } = recording;
-        self.lock().recording = Some(Written {
+        let mut current = self.lock();
+        current.memory.recorder_bytes = status.held_bytes;
+        current.recording = Some(Written {
             path: path.clone(),
             messages: status.messages,
             stored: status.stored,
@@ -326,6 +342,8 @@ impl StatusCollector {
         status.pictures_skipped = drawn.skipped;
         status.capture_to_picture.set_to(&drawn.capture_to_picture);
         status.draw.set_to(&drawn.draw);
+        let RenderMemory { voxels, rays } = drawn.renderer.memory();
+        (status.memory.render_voxel_bytes, status.memory.render_ray_bytes) = (voxels, rays);
     }
 
     /// Stores a device's published clock.
