@@ -166,6 +166,9 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     if has(&["format", "version"]) {
         return Ok(Kind::Configuration);
     }
+    if head.is_empty() {
+        fail!("{}: is empty; check how it was written or copied", path.display());
+    }
     Err(Failure(format!(
         "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, nor NIfTI, nor a session, nor a \
          sonoweave calibration file, nor XML",

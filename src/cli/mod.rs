@@ -58,7 +58,7 @@ impl Arguments {
 
     /// Parses arguments, the program's name first.
     fn of(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Self, clap::Error> {
-        let mut command = Self::command();
+        let mut command = with_negative_numbers(Self::command());
         let matches = command.try_get_matches_from_mut(words)?;
         let mut arguments = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
         if let Some((name, own)) = matches.subcommand() {
@@ -74,10 +74,38 @@ impl Arguments {
     }
 }
 
+/// Lets flags take negative numbers, so that a range is refused by its own sentence.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
+    let command = command.mut_args(|flag| match flag.get_action().takes_values() && !flag.is_positional() {
+        true => flag.allow_negative_numbers(true),
+        false => flag,
+    });
+    names.iter().fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
+}
+
+/// Returns the log's filter.
+fn log_filter(text: &str) -> Result<EnvFilter, Failure> {
+    let refused = |why: &str| {
+        Failure(format!(
+            "--log {text}: {why}; give error, warn, info, debug, trace or off, or a filter such as warn,drivers=debug"
+        ))
+    };
+    // A lone word that is no level would be taken for the name of a module.
+    let lone = text
+        .split(',')
+        .map(str::trim)
+        .find(|part| !part.contains(['=', '[']) && part.parse::<tracing_subscriber::filter::LevelFilter>().is_err());
+    if let Some(lone) = lone {
+        return Err(refused(&format!("{lone:?} is no level")));
+    }
+    EnvFilter::try_new(text).map_err(|e| refused(&e.to_string()))
+}
+
 impl Arguments {
     /// Starts logging, and tracing if requested. Returns the trace's file.
     fn listen(&self) -> Result<Option<TraceFile>, Failure> {
-        let filter = EnvFilter::try_new(&self.log).map_err(|e| Failure(format!("--log {}: {e}", self.log)))?;
+        let filter = log_filter(&self.log)?;
         let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_filter(filter);
         let (layer, file) = match &self.trace {
             Some(path) => {

@@ -208,7 +208,8 @@ fn unknown_files_are_refused() {
     place.put("n.nrrd", "NRRD0004\ntype: uchar\n");
     place.put("broken.xml", "<CoordinateDefinitions>");
     place.put("short.mha", "ObjectType = Image\nNDims = 3\n");
-    for name in ["empty", "text", "bytes"] {
+    place.refuses("inspect empty", &["empty: is empty; check how"]);
+    for name in ["text", "bytes"] {
         place.refuses(&format!("inspect {name}"), &[&format!("{name}: is neither a MetaImage sequence or volume")]);
     }
     place.refuses("inspect n.nrrd", &["n.nrrd: ", "NRRD"]);

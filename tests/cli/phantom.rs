@@ -279,4 +279,5 @@ fn log_filter_shows_messages_of_its_level() {
     assert_eq!((quiet.code, told.code), (0, 0), "{} {}", quiet.stderr, told.stderr);
     assert!(told.stderr.len() > quiet.stderr.len(), "{} {}", quiet.stderr, told.stderr);
     place.refuses("inspect s.mha --log a=b=c", &["--log a=b=c: "]);
+    place.refuses("inspect s.mha --log warn,bogus", &["\"bogus\" is no level; give error, warn"]);
 }

@@ -300,6 +300,7 @@ fn invalid_commands_print_usage() {
         "weave",
         "reconstruct s.mha",
         "reconstruct s.mha -o v.mha --spacing 0",
+        "reconstruct s.mha -o v.mha --spacing -1",
         "reconstruct s.mha -o v.mha --size 1,2",
         "reconstruct s.mha -o v.mha --frames 5..5",
         "reconstruct s.mha -o v.mha --threads 0",
@@ -320,4 +321,17 @@ fn invalid_commands_print_usage() {
     for words in ["--help", "--version", "reconstruct --help", "inspect --help", "phantom --help"] {
         assert!(place.does(words).len() > 10, "{words}");
     }
+}
+
+#[test]
+fn negative_numbers_and_output_folders_are_refused_by_name() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    let said = place.run("reconstruct s.mha -o v.mha --spacing -1").stderr;
+    assert!(said.contains("invalid value '-1' for '--spacing") && !said.contains("-- -1"), "{said}");
+    // The temporary name is ours.
+    let said = place.run("reconstruct s.mha -o /proc/v.mha").stderr;
+    assert!(said.contains("/proc/v.mha: creating the file failed") && !said.contains(".part"), "{said}");
+    place.put("b.toml", [0xff, 0xd8, 0xff]);
+    place.refuses("live --check --config b.toml", &["b.toml: holds bytes that are no text"]);
 }

@@ -22,6 +22,12 @@ pub enum FileError {
         #[source]
         source: std::io::Error,
     },
+    /// The file is no text.
+    #[error("{path}: holds bytes that are no text (UTF-8); check that it is the right file", path = path.display())]
+    NoText {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is larger than any of its kind.
     #[error("{path}: holds more than {limit} bytes, the limit for its kind; check that it is the right file", path = path.display())]
     TooLarge {
@@ -290,7 +296,10 @@ fn nearest(name: &str, known: &[&str]) -> String {
 /// # Errors
 /// [`FileError`]: unreadable, not UTF-8, or larger; at most `limit` + 1 bytes are read.
 pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
-    let io = |source| FileError::Io { path: path.to_owned(), doing: "reading", source };
+    let io = |source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::InvalidData => FileError::NoText { path: path.to_owned() },
+        _ => FileError::Io { path: path.to_owned(), doing: "reading", source },
+    };
     let mut text = String::new();
     // Limits the bytes read, because a pipe or a device states no size.
     std::fs::File::open(path).map_err(io)?.take(limit + 1).read_to_string(&mut text).map_err(io)?;

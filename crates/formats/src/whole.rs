@@ -32,7 +32,12 @@ pub fn temporary(path: &Path) -> io::Result<NamedTempFile> {
     // Temporary files are private by default. This one becomes the user's file and gets the
     // permissions of any other new file, by the umask.
     builder.prefix(".sonoweave-").suffix(".part").permissions(Permissions::from_mode(0o666));
-    builder.tempfile_in(folder_of(path))
+    builder.tempfile_in(folder_of(path)).map_err(without_name)
+}
+
+/// Returns the system's error without the temporary name, which users have not given.
+fn without_name(error: io::Error) -> io::Error {
+    if error.raw_os_error().is_some() { error } else { error.kind().into() }
 }
 
 /// Gives a complete temporary file its name. On return it survives a power cut.
