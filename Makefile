@@ -1,7 +1,7 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress bench fuzz peers hardware-test interop \
-	console-test reach console-cost console-reach paper pareto deb deb-test fresh-machine
+	console-test reach console-cost console-reach paper pareto numbers deb deb-test fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -116,6 +116,9 @@ console-reach:
 # Figures are made by an optimised build. QUICK=--quick is a smoke test.
 FIGURES = --release --locked -p sonoweave-figures
 
+# Enters the figures of a run: record NAME RUN.json. The folders are those that it measures.
+NUMBERS = cargo run --quiet --locked -p sonoweave-checks --bin numbers --
+
 # Draws the 1992 paper's figures and claims with ours beside them: out/paper/index.html.
 paper: setup
 	cargo test $(FIGURES)
@@ -124,6 +127,11 @@ paper: setup
 # Draws run time against error, over phantoms and recordings: out/pareto/index.html.
 pareto: setup
 	cargo run $(FIGURES) --bin pareto -- $(QUICK)
+
+# Writes the measured figures of the documents from their records in docs/numbers. Where measured
+# sources have changed since, the text states the commit of the measurement.
+numbers: setup
+	$(NUMBERS)
 
 # Makes a Debian package in out/deb: the program, its service, udev rules, manual pages, completions
 # and examples.
