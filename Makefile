@@ -140,6 +140,8 @@ paper: setup
 # Draws run time against error, over phantoms and recordings: out/pareto/index.html.
 pareto: setup
 	cargo run $(FIGURES) --bin pareto -- $(QUICK)
+	$(NUMBERS) record pareto out/pareto/$(QUICK_FOLDER)/figures.json --command "make pareto" \
+		--sources $(RENDERING),crates/phantom,figures/src/bin/pareto
 
 # Writes the measured figures of the documents from their records in docs/numbers. Where measured
 # sources have changed since, the text states the commit of the measurement.
