@@ -8,7 +8,7 @@ use std::path::Path as Folder;
 use serde_json::{Map, Value, json};
 
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Path};
-use crate::front::{Measure, rivals};
+use crate::front::{Measure, SLACK, rivals};
 use crate::measure::Row;
 use crate::pictures;
 use crate::rows::scans;
@@ -59,7 +59,7 @@ impl Figures {
                 let auto = of(scan, Path::AutoSigma)?;
                 Some([auto.over_default[1], Measure::Anyone.of(auto) / Measure::Anyone.of(scan[0])])
             })
-            .filter(|parts| parts.iter().all(|part| *part < 1.0))
+            .filter(|parts| parts.iter().all(|part| *part < 1.0 - SLACK))
             .collect();
         self.add("auto σ/scans", better.len() as f64);
         for (part, name) in ["time", "error"].into_iter().enumerate() {
