@@ -1,7 +1,7 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
-	console-test reach console-cost console-reach paper pareto deb deb-test fresh-machine
+	console-test reach console-cost console-reach paper pareto numbers deb deb-test fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -55,10 +55,21 @@ HOURS ?= 2
 soak: setup
 	SONOWEAVE_SOAK_HOURS=$(HOURS) cargo test --release $(PACKAGES) --test soak -- --nocapture
 
-# Measures run times. Every timed run checks its answer.
+# Enters a run's figures into a record of docs/numbers, which the documents show. A quick run's, and
+# those of sources that are not committed, go to out/numbers alone. Folders are what is measured.
+NUMBERS = cargo run --quiet --locked -p sonoweave-checks --bin numbers --
+INSERTION = crates/core,crates/simd,crates/mask,crates/volume,crates/reconstruct,benches/reconstruct
+RENDERING = $(INSERTION),crates/render,benches/render
+SESSION = src,crates,drivers,calibration
+
+# Measures run times. Every timed run checks its answer. QUICK=--quick is a smoke test.
+QUICK_FOLDER = $(if $(QUICK),quick,.)
 bench: setup
-	cargo bench --locked --bench reconstruct
-	cargo bench --locked --bench render
+	cargo bench --locked --bench reconstruct -- $(QUICK)
+	$(NUMBERS) record reconstruct out/bench/$(QUICK_FOLDER)/figures.json --command "make bench" --sources $(INSERTION)
+	cargo bench --locked --bench render -- $(QUICK)
+	$(NUMBERS) record render out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)
+	$(NUMBERS) record vtk out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)
 	cargo bench --locked -p sonoweave-calibration --bench dots
 	cargo bench --locked -p sonoweave-drivers --bench decoders
 	cargo bench --locked -p sonoweave-drivers --bench pixels
@@ -106,12 +117,15 @@ SECONDS_30 ?= 600
 SECONDS_60 ?= 120
 reach: setup
 	SECONDS_30=$(SECONDS_30) SECONDS_60=$(SECONDS_60) scripts/reach.sh
+	$(NUMBERS) record reach out/reach/figures.json --command "make reach" --sources $(SESSION)
 
 # Measures the cost of the console to a session: losses and times of the same session with and
 # without pages, hidden pages and bad clients, SECONDS_EACH. Nothing else should run meanwhile.
 SECONDS_EACH ?= 60
 console-cost: setup
 	SECONDS_EACH=$(SECONDS_EACH) scripts/console-cost.sh
+	$(NUMBERS) record console-cost out/console-cost/figures.json \
+		--command "make console-cost SECONDS_EACH=$(SECONDS_EACH)" --sources $(SESSION)
 
 # Measures in Debian's Chromium the delay of pictures to its screen, and the cost of pages that view
 # a static session. It checks that pictures of closed pages are not rendered. Nothing else should
@@ -119,6 +133,8 @@ console-cost: setup
 console-reach:
 	@scripts/setup.sh console
 	SECONDS_EACH=$(SECONDS_EACH) scripts/console-test.sh reach
+	$(NUMBERS) record console-reach out/console-test/figures.json \
+		--command "make console-reach SECONDS_EACH=$(SECONDS_EACH)" --sources $(SESSION)
 
 # Figures are made by an optimised build. QUICK=--quick is a smoke test.
 FIGURES = --release --locked -p sonoweave-figures
@@ -131,6 +147,13 @@ paper: setup
 # Draws run time against error, over phantoms and recordings: out/pareto/index.html.
 pareto: setup
 	cargo run $(FIGURES) --bin pareto -- $(QUICK)
+	$(NUMBERS) record pareto out/pareto/$(QUICK_FOLDER)/figures.json --command "make pareto" \
+		--sources $(RENDERING),crates/phantom,figures/src/bin/pareto
+
+# Writes the measured figures of the documents from their records in docs/numbers. Where measured
+# sources have changed since, the text states the commit of the measurement.
+numbers: setup
+	$(NUMBERS)
 
 # Makes a Debian package in out/deb: the program, its service, udev rules, manual pages, completions
 # and examples.

@@ -59,10 +59,10 @@ begin idle
 python3 scripts/console-idle.py "$address" "$session" "$((seconds / 2))"
 end
 
-python3 - "$folder" "${P99_GROWTH_MS:-20}" <<'PYTHON'
+python3 - "$folder" "${P99_GROWTH_MS:-20}" "$seconds" <<'PYTHON'
 import json, sys
 folder = sys.argv[1]
-lost, p99 = {}, {}
+lost, p99, figures = {}, {}, {}
 for name in ("alone", "calm", "attacked"):
     told = json.load(open(f"{folder}/{name}.json"))
     frames, devices = told["frames"], told["devices"]
@@ -70,11 +70,15 @@ for name in ("alone", "calm", "attacked"):
     lost[name] = dropped + frames.get("lost", 0) + sum(of["lost"] for of in devices)
     spread = told["capture_to_volume"]
     p99[name] = spread["p99_ms"]
+    figures[f"{name}/capture to volume"] = {"median": spread["median_ms"], "p99": spread["p99_ms"], "most": spread["most_ms"]}
+    figures[f"{name}/lost"], figures[f"{name}/dropped"] = lost[name] - dropped, dropped
     print(f"{name}: {frames['used']} of {frames['total']} frames used, refused {frames['refused']}, dropped {dropped}, lost {lost[name] - dropped}; "
           f"capture to volume {spread['median_ms']:.1f} ms, p99 {spread['p99_ms']:.1f}, most {spread['most_ms']:.1f}; CPU {100 * told['process']['cpu_s'] / told['wall_s']:.0f} % of one core")
 for name in ("calm", "attacked"):
     page = json.load(open(f"{folder}/{name}-page.json"))
     print(f"{name}, the good page: {page['pictures_a_second']:.1f} pictures a second, longest wait {page['longest_wait_ms']:.0f} ms; the process: {page['resident_mb']} MB, {page['threads']} threads; {page['attacks']}")
+# Figures for the documents; shorter sessions are a smoke test.
+json.dump({"quick": float(sys.argv[3]) < 40, "figures": figures}, open(f"{folder}/figures.json", "w"), indent=2)
 growth, limit = p99["attacked"] - p99["calm"], float(sys.argv[2])
 print(f"the attack made the p99 {growth:+.1f} ms longer; {limit:.0f} ms are permitted")
 if lost["attacked"] > lost["calm"]:

@@ -115,6 +115,7 @@ fn orientations(
         let mut row = vec![Cell::text(*name), Cell::text(*mask), Cell::Number(t.median(), 3)];
         row.extend([0.25, 0.75, 0.95].map(|q| Cell::Number(t.quantile(q), 3)));
         row.extend([Cell::Number(*voxels, 0), Cell::Number(t.median() * 1e6 / voxels, 2)]);
+        report.figure(&format!("cube/{mask}/rms dev"), deviation.rms, f64::max);
         row.extend([Cell::Number(deviation.rms, 4), Cell::Number(deviation.max, 3)]);
         row.extend([Cell::Text(format!("≤ {limit}")), Cell::text(if met { "met" } else { "not met" })]);
         table.row(row);
@@ -126,6 +127,8 @@ fn orientations(
         let medians: Vec<f64> = times.iter().map(Times::median).collect();
         let worst = medians.iter().copied().fold(f64::NAN, f64::max);
         let best = medians.iter().copied().fold(f64::NAN, f64::min);
+        report.figure(&format!("cube/{mask}/best median"), best, f64::min);
+        report.figure(&format!("cube/{mask}/worst median"), worst, f64::max);
         println!("  {mask}: worst {worst:.3} ms, best {best:.3} ms, worst/best {:.2}", worst / best);
         if *mask == "full" {
             report.judge("256³, full mask, worst orientation: ms a slice", Goal::AtMost(2.0), worst);

@@ -59,7 +59,7 @@ const QUICK: Effort = Effort { rounds: 2, blob_frames: 24, cube_slices: 12, memo
 const SECTIONS: [&str; 6] = ["recording", "blobs", "cube", "planar", "filling", "memory"];
 
 fn main() -> ExitCode {
-    let mut effort = WHOLE;
+    let (mut effort, mut quick) = (WHOLE, false);
     let mut folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("out/bench");
     let mut only = None;
     let mut arguments = std::env::args().skip(1);
@@ -69,7 +69,7 @@ fn main() -> ExitCode {
             // Cargo passes this to every bench.
             "--bench" => {}
             "--quick" => {
-                effort = QUICK;
+                (effort, quick) = (QUICK, true);
                 folder = folder.join("quick");
             }
             other => {
@@ -85,7 +85,7 @@ fn main() -> ExitCode {
         }
         folder = folder.join(only);
     }
-    match run(effort, only.as_deref(), &folder) {
+    match run(effort, quick, only.as_deref(), &folder) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -95,7 +95,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dyn Error>> {
+fn run(effort: Effort, quick: bool, only: Option<&str>, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let start = Instant::now();
     let load_before = first_line("/proc/loadavg");
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -130,7 +130,7 @@ fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dy
         "load_average_before": load_before, "load_average_after": first_line("/proc/loadavg"),
         "rounds": effort.rounds, "version": env!("CARGO_PKG_VERSION"),
     });
-    let right = report.finish(machine, folder)?;
+    let right = report.finish(machine, folder, quick, effort.rounds)?;
     println!("load average    {load_before} before, {} after", first_line("/proc/loadavg"));
     println!("whole run       {:.0} s; tables in {}", start.elapsed().as_secs_f64(), folder.display());
     Ok(right)

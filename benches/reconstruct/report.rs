@@ -1,11 +1,12 @@
 //! Tables: printed with aligned columns, and written with all digits as CSV (one file per table)
-//! and JSON (all of them).
+//! and JSON (all of them). `figures.json` has each number by its name, for the records of
+//! `docs/numbers`.
 
 use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::timing::Times;
 
@@ -16,6 +17,8 @@ pub(crate) enum Cell {
     Text(String),
     /// A number, printed with this many decimals and written with all.
     Number(f64, usize),
+    /// Quartiles, of which the median is shown; decimals.
+    Spread([f64; 3], usize),
     /// An empty cell.
     Empty,
 }
@@ -29,10 +32,14 @@ impl Cell {
         Self::Number(n as f64, 0)
     }
 
+    pub(crate) fn spread(quartiles: [f64; 3], decimals: usize) -> Self {
+        Self::Spread(quartiles, decimals)
+    }
+
     fn shown(&self) -> String {
         match self {
             Self::Text(text) => text.clone(),
-            Self::Number(value, decimals) => format!("{value:.decimals$}"),
+            Self::Number(value, decimals) | Self::Spread([_, value, _], decimals) => format!("{value:.decimals$}"),
             Self::Empty => "–".into(),
         }
     }
@@ -41,7 +48,7 @@ impl Cell {
         match self {
             Self::Text(text) => json!(text),
             // JSON has no NaN; null marks a missing number.
-            Self::Number(value, _) => json!(value),
+            Self::Number(value, _) | Self::Spread([_, value, _], _) => json!(value),
             Self::Empty => Value::Null,
         }
     }
@@ -50,7 +57,7 @@ impl Cell {
         match self {
             Self::Text(text) if text.contains([',', '"']) => format!("\"{}\"", text.replace('"', "\"\"")),
             Self::Text(text) => text.clone(),
-            Self::Number(value, _) => value.to_string(),
+            Self::Number(value, _) | Self::Spread([_, value, _], _) => value.to_string(),
             Self::Empty => String::new(),
         }
     }
@@ -140,6 +147,36 @@ impl Table {
         text
     }
 
+    /// Adds the numbers by their names: the table's, the row's texts, and the column's. Columns of
+    /// quantiles are the spread of the column `median`.
+    fn figures(&self, rounds: usize, figures: &mut Map<String, Value>) {
+        for row in &self.rows {
+            let cells = || self.columns.iter().copied().zip(row);
+            let names = cells().take_while(|(column, cell)| matches!(cell, Cell::Text(_)) || *column == "threads");
+            let texts: Vec<String> = names.map(|(_, cell)| cell.shown()).collect();
+            let name = |column: &str| format!("{}/{}/{column}", self.id, texts.join("/"));
+            let mut median = Map::from_iter([("rounds".to_owned(), rounds.into())]);
+            for (column, cell) in cells().skip(texts.len()) {
+                match (column, cell) {
+                    (_, Cell::Number(value, _)) if !value.is_finite() => {}
+                    ("median" | "p25" | "p75" | "p95" | "p99", Cell::Number(value, _)) => {
+                        median.insert(column.to_owned(), json!(value));
+                    }
+                    ("min", Cell::Number(value, _)) => drop(median.insert("least".to_owned(), json!(value))),
+                    (_, Cell::Number(value, _)) => drop(figures.insert(name(column), json!(value))),
+                    (_, Cell::Spread([p25, middle, p75], _)) => {
+                        let spread = json!({ "median": middle, "p25": p25, "p75": p75, "rounds": rounds });
+                        figures.insert(name(column), spread);
+                    }
+                    (_, Cell::Text(_) | Cell::Empty) => {}
+                }
+            }
+            if median.contains_key("median") {
+                figures.insert(name("median"), median.into());
+            }
+        }
+    }
+
     fn json(&self) -> Value {
         let row = |row: &Vec<Cell>| -> Value {
             let fields = self.columns.iter().zip(row).map(|(name, cell)| ((*name).to_owned(), cell.json()));
@@ -155,6 +192,7 @@ pub(crate) struct Report {
     tables: Vec<Table>,
     threads: Table,
     goals: Table,
+    figures: Map<String, Value>,
     wrong: Vec<String>,
     missed: usize,
 }
@@ -165,7 +203,7 @@ impl Report {
         let goals = Table::new("goals", "Goals, number by number", &columns);
         let columns = ["what", "1 thread", "2 threads", "ratio", "p25", "p75", "arithmetic", "goal", "verdict"];
         let threads = Table::new("threads", "Two threads against one, taking turns; ms a frame", &columns);
-        Self { tables: Vec::new(), threads, goals, wrong: Vec::new(), missed: 0 }
+        Self { tables: Vec::new(), threads, goals, figures: Map::new(), wrong: Vec::new(), missed: 0 }
     }
 
     /// Compares a number with its goal: returns the two cells "goal" and "verdict", and adds a
@@ -192,8 +230,10 @@ impl Report {
     /// arithmetic](crate::timing::arithmetic) at the same time.
     pub(crate) fn threads(&mut self, what: &str, [one, two]: [&Times; 2], [alone, both]: [&Times; 2]) {
         let [low, ratio, high] = one.over(two);
-        let mut row = vec![Cell::text(what), Cell::Number(one.median(), 3), Cell::Number(two.median(), 3)];
-        row.extend([ratio, low, high, 2.0 * alone.over(both)[1]].map(|x| Cell::Number(x, 2)));
+        let mut row = vec![Cell::text(what)];
+        row.extend([one, two].map(|times| Cell::spread(times.quartiles(), 3)));
+        row.push(Cell::spread([low, ratio, high], 2));
+        row.extend([low, high, 2.0 * alone.over(both)[1]].map(|x| Cell::Number(x, 2)));
         row.extend(self.judge(format!("{what}: 2 threads over 1"), Goal::AtLeast(1.7), ratio));
         self.threads.row(row);
     }
@@ -209,6 +249,12 @@ impl Report {
         self.wrong.push(what.into());
     }
 
+    /// Adds a number that is in no table, or a better one than before by `better`.
+    pub(crate) fn figure(&mut self, name: &str, value: f64, better: fn(f64, f64) -> f64) {
+        let value = self.figures.get(name).and_then(Value::as_f64).map_or(value, |before| better(before, value));
+        self.figures.insert(name.to_owned(), value.into());
+    }
+
     /// Prints a finished table at once, because a run takes minutes.
     pub(crate) fn add(&mut self, table: Table) {
         table.print();
@@ -216,15 +262,23 @@ impl Report {
     }
 
     /// Prints the goals, writes the files, and returns whether every timed result was correct.
+    /// `quick` is whether the run is a smoke test, of `rounds` rounds.
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub(crate) fn finish(mut self, machine: Value, folder: &Path) -> Result<bool, Box<dyn Error>> {
+    pub(crate) fn finish(
+        mut self,
+        machine: Value,
+        folder: &Path,
+        quick: bool,
+        rounds: usize,
+    ) -> Result<bool, Box<dyn Error>> {
         let empty = || Table::new("", "", &[]);
         let mut threads = std::mem::replace(&mut self.threads, empty());
         threads.note("Ratios are medians over rounds. \"arithmetic\" is what two threads of plain arithmetic gained in the same rounds:");
         threads.note("2 when the second core was free.");
         self.add(threads);
+        self.tables.iter().for_each(|table| table.figures(rounds, &mut self.figures));
         let goals = std::mem::replace(&mut self.goals, empty());
         self.add(goals);
         println!("  {} not met", self.missed);
@@ -235,6 +289,8 @@ impl Report {
         let tables: Vec<Value> = self.tables.iter().map(Table::json).collect();
         let all = json!({ "machine": machine, "tables": tables, "wrong": self.wrong });
         fs::write(folder.join("reconstruct.json"), serde_json::to_string_pretty(&all)? + "\n")?;
+        let figures = json!({ "quick": quick, "figures": self.figures });
+        fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&figures)? + "\n")?;
         for what in &self.wrong {
             println!("\nWRONG ANSWER: {what}");
         }

@@ -38,6 +38,11 @@ impl Times {
         self.quantile(0.5)
     }
 
+    /// Returns the quartiles over all inserts of all runs.
+    pub(crate) fn quartiles(&self) -> [f64; 3] {
+        [0.25, 0.5, 0.75].map(|q| self.quantile(q))
+    }
+
     /// Returns the median of the first inserts, which include set-up that depends on the pixel
     /// size and most of the first bricks.
     pub(crate) fn first(&self) -> f64 {

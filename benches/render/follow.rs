@@ -102,6 +102,8 @@ fn report_all(
     let names = [
         "cache",
         "median",
+        "p25",
+        "p75",
         "p95",
         "p99",
         "insert",
@@ -131,8 +133,11 @@ fn report_all(
             true => String::new(),
             false => format!(" (did not fit: {})", run.cache.name()),
         };
+        let first = runs.iter().take(1).flat_map(|run| run.ms.iter().map(|ms| ms.iter().sum())).collect::<Vec<f64>>();
+        let name = format!("{}/{}/first pass p99", case.id, way.name);
+        report.figure(&name, timing::quantile(&first, 0.99), f64::max);
         let mut row = vec![Cell::text(format!("{}{kept}", way.name))];
-        row.extend([0.5, 0.95, 0.99].map(|q| Cell::Number(times.quantile(q), 2)));
+        row.extend([0.5, 0.25, 0.75, 0.95, 0.99].map(|q| Cell::Number(times.quantile(q), 2)));
         row.extend([region(0), region(1), region(2)]);
         row.extend([each(run.work.voxels_shaded), each(run.work.rays), each(run.work.samples)]);
         row.extend([Cell::Number(run.cache_bytes as f64 / 1e6, 1), Cell::text(if same { "yes" } else { "NO" })]);
@@ -148,6 +153,7 @@ fn report_all(
         row.extend(judged);
         table.row(row);
     }
+    report.figure("from the equations, at most", most * 255.0, f64::max);
     table.note(format!(
         "The picture is {:.4} grey levels of 255 at most from the equations in f64, {:.5} rms.",
         most * 255.0,

@@ -44,17 +44,19 @@ struct Effort {
     cases: usize,
     rounds: usize,
     sides: usize,
+    /// Whether it is a smoke test.
+    quick: bool,
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { cases: CASES.len(), rounds: 5, sides: 6 };
+    let mut effort = Effort { cases: CASES.len(), rounds: 5, sides: 6, quick: false };
     let mut folder = "out/bench/render";
     for argument in std::env::args().skip(1) {
         match argument.as_str() {
             // Cargo passes this to every bench.
             "--bench" => {}
             "--quick" => {
-                effort = Effort { cases: 1, rounds: 1, sides: 1 };
+                effort = Effort { cases: 1, rounds: 1, sides: 1, quick: true };
                 folder = "out/bench/quick-render";
             }
             other => {
@@ -73,7 +75,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(Effort { cases, rounds, sides }: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
+fn run(Effort { cases, rounds, sides, quick }: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let mut report = Report::new();
     let python = peer::environment();
     let mut peers = peer::table();
@@ -92,5 +94,6 @@ fn run(Effort { cases, rounds, sides }: Effort, folder: &Path) -> Result<bool, B
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    report.finish(json!({ "cores": cores, "simd": Simd::detect().name(), "load_average_after": load.trim() }), folder)
+    let machine = json!({ "cores": cores, "simd": Simd::detect().name(), "load_average_after": load.trim() });
+    report.finish(machine, folder, quick, rounds)
 }

@@ -128,12 +128,14 @@ pub(crate) fn measure(
             let [theirs, ours] = &times[..] else { continue };
             let ratio = theirs.over(ours);
             let mut row = vec![Cell::text(&voxels), Cell::text(format!("{size}, {what}")), Cell::text(setting.what)];
-            row.extend([theirs, ours].map(|times| Cell::Number(times.median(), 2)));
-            row.extend(ratio.map(|r| Cell::Number(r, 2)));
+            row.extend([theirs, ours].map(|times| Cell::spread(times.quartiles(), 2)));
+            row.extend([Cell::Number(ratio[0], 2), Cell::spread(ratio, 2), Cell::Number(ratio[2], 2)]);
             row.extend([apart.rms, apart.most].map(|r| Cell::Number(r, 2)));
             let goal = format!("{voxels}, {size}, {}, {what}: times faster than VTK", setting.what);
             row.extend(report.judge(goal, Goal::AtLeast(1.0), ratio[1]));
             table.row(row);
+            report.figure("peers/rms apart, least", apart.rms, f64::min);
+            report.figure("peers/rms apart, most", apart.rms, f64::max);
         }
     }
     Ok(())

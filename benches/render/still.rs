@@ -60,7 +60,8 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
         }
         let of = |part: fn(&[f64; 2]) -> f64| timing::quantile(&ms.iter().map(part).collect::<Vec<_>>(), 0.5);
         let all = of(|[shade, rays]| shade + rays);
-        let mut row = vec![Cell::text(format!("{}×{}", size[0], size[1])), Cell::Number(all, 1)];
+        let all_ms: Vec<f64> = ms.iter().map(|[shade, rays]| shade + rays).collect();
+        let mut row = vec![Cell::text(format!("{}×{}", size[0], size[1])), quartiles(&all_ms)];
         row.extend([of(|ms| ms[0]), of(|ms| ms[1])].map(|ms| Cell::Number(ms, 1)));
         row.extend([work.voxels_shaded, work.samples, work.samples_skipped].map(Cell::count));
         row.push(Cell::Number(most * 255.0, 4));
@@ -68,8 +69,9 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
         row.extend(report.judge(what, Goal::AtMost(goal), all));
         row.push(Cell::text(if all <= 0.5 * goal { "met" } else { "not met" }));
         let resting = resting(ready, &settings, rounds, report)?;
-        row.extend(resting.map(|ms| Cell::Number(ms, 1)));
-        for ((ms, goal), what) in resting.into_iter().zip(RESTING).zip(["coarse", "refined"]) {
+        row.extend(resting.each_ref().map(|ms| quartiles(ms)));
+        let medians = resting.map(|ms| timing::quantile(&ms, 0.5));
+        for ((ms, goal), what) in medians.into_iter().zip(RESTING).zip(["coarse", "refined"]) {
             let what = format!("{}: a {what} picture of {}×{} pixels, ms", case.title, size[0], size[1]);
             report.judge(what, Goal::AtMost(goal), ms);
         }
@@ -84,13 +86,18 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     Ok(())
 }
 
-/// Returns the median ms until a coarse picture of a new view, and until the exact one.
+/// Returns the cell of a median with its quartiles.
+fn quartiles(ms: &[f64]) -> Cell {
+    Cell::spread([0.25, 0.5, 0.75].map(|q| timing::quantile(ms, q)), 1)
+}
+
+/// Returns the ms until a coarse picture of a new view, and until the exact one, of each turn.
 fn resting(
     ready: &Ready,
     settings: &dyn Fn(u32) -> RenderSettings,
     rounds: usize,
     report: &mut Report,
-) -> Result<[f64; 2], Box<dyn Error>> {
+) -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     let kept = |side: u32| RenderSettings { cache: Cache::default(), ..settings(side) };
     let mut renderer = Renderer::new(&kept(SIDES - 1), ready.region)?;
     renderer.update_all(ready.whole.volume());
@@ -109,5 +116,5 @@ fn resting(
     if direct.picture() != renderer.picture() {
         report.wrong("a refined picture has other bits than one made at once");
     }
-    Ok(ms.map(|ms| timing::quantile(&ms, 0.5)))
+    Ok(ms)
 }

@@ -3,7 +3,7 @@
 // It checks that nothing is rendered after the last page is closed. Frames are rendered
 // beforehand. Each part takes SECONDS_EACH, 30 by default; nothing else should run meanwhile.
 
-import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
 import { close, measured, open, quit, steers } from "./page.js";
@@ -31,6 +31,9 @@ const busy = async (pid, seconds) => {
   return (100 * (cpu(pid) - before)) / seconds;
 };
 
+// Figures for the documents, by their names.
+const figures = {};
+
 const folder = mkdtempSync(join(OUT, "session-"));
 const session = await Session.painted(folder, "512x512");
 const { address, pid } = session;
@@ -48,8 +51,11 @@ try {
   const lost = (told) => told.lost + told.dropped;
   for (const name of ["slice", "view"]) {
     const { width, height } = until[name];
+    figures[`${name}/delay`] = { median: share(latencies[name], 0.5), p95: share(latencies[name], 0.95), most: Math.max(...latencies[name]) };
+    figures[`${name}/pictures a second`] = (until[name].drawn - from[name].drawn) / seconds;
     console.log(`${name} ${width} × ${height}: due until on the screen ${ms(latencies[name])}; ${((until[name].drawn - from[name].drawn) / seconds).toFixed(1)} a second`);
   }
+  figures["lost or dropped"] = lost(after) - lost(before);
   console.log(`meanwhile ${after.frames - before.frames} frames, ${lost(after) - lost(before)} lost or dropped`);
 
   await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"stop"}' });
@@ -60,12 +66,17 @@ try {
   for (const page of [first, ...others]) await close(page);
   await rest(5);
   const none = await busy(pid, SECONDS);
+  figures["three pages/CPU, % of a core"] = three;
   console.log(`a session that stands still: ${three.toFixed(2)} % of a core with three pages that see it, ${none.toFixed(2)} % with none`);
   await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"scan"}' });
   await rest(5);
   const [pictures, slices] = [await metric(address, "sonoweave_pictures_total"), (await account(address)).slices];
   await rest(SECONDS);
-  console.log(`nobody looks: ${(await account(address)).slices - slices} slices woven, ${(await metric(address, "sonoweave_pictures_total")) - pictures} pictures of them drawn`);
+  const [inserted, drawnMeanwhile] = [(await account(address)).slices - slices, (await metric(address, "sonoweave_pictures_total")) - pictures];
+  figures["without a page/pictures"] = drawnMeanwhile;
+  console.log(`nobody looks: ${inserted} slices inserted, ${drawnMeanwhile} pictures of them drawn`);
+  // Shorter parts are a smoke test.
+  writeFileSync(join(OUT, "figures.json"), JSON.stringify({ quick: SECONDS < 40, figures }, null, 2));
 } finally {
   await session.end();
   await quit();

@@ -12,9 +12,10 @@
 //! - [`contestant`]: the contestants, at matched width; a further path is one more variant of
 //!   its `Path`.
 //! - [`field`]: results interpolated like by a renderer; [`filling`]: holes.
-//! - [`measure`]: errors and times of contestants over a scan.
+//! - [`measure`]: errors and times of contestants over a scan; [`limits`]: the largest permitted
+//!   errors.
 //! - [`front`]: dominance and the Pareto front.
-//! - [`rows`], [`pictures`]: reports.
+//! - [`rows`], [`pictures`]: reports; [`figures`]: numbers that the documents show.
 //! - [`storage`]: sums in 32 and 16 bits, in a separate inserter.
 //! - [`rendering`]: pictures, by ray cache, ray termination and step length.
 //! - [`left_out`]: recordings, each slice predicted from the others.
@@ -32,9 +33,11 @@ mod contestant;
 #[allow(dead_code, reason = "shared with the paper's figures, which follow all slices")]
 mod doll;
 mod field;
+mod figures;
 mod filling;
 mod front;
 mod left_out;
+mod limits;
 #[path = "../../../../benches/reconstruct/loading.rs"]
 mod loading;
 mod measure;
@@ -146,7 +149,10 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
     rows::print_verdicts(&rows, &mut report);
     storage::measure(effort.stored, &mut report, folder)?;
     rendering::measure(effort.rendering, &mut report, folder)?;
-    left_out::measure(project, effort.whole, &mut report, folder)?;
+    let mut figures = figures::Figures::default();
+    figures.add_rows(&rows);
+    left_out::measure(project, effort.whole, &mut report, &mut figures, folder)?;
+    figures.write(!effort.whole, folder)?;
     pictures::draw(&rows, &mut report, folder)?;
     report.section(format!(
         "### The machine\n\n{machine}; load average {load_before} before, {} after (anything above 0 slows what is measured, two threads most).\n",

@@ -15,6 +15,7 @@ use crate::baselines::{Drop, Splat, plain};
 use crate::check::{Deviation, against_equations, against_sums};
 use crate::contestant::{Contestant, Input, Path, Reconstructed, default_kernels, on_lattice, widest_gap};
 use crate::field::Field;
+use crate::limits;
 use crate::report::Report;
 use crate::stage::{Probes, Stage};
 use crate::timing::{Contestant as Turn, Times, interleaved};
@@ -25,9 +26,6 @@ const DEAR_MS: f64 = 150.0;
 const SAME_COVERAGE: f64 = 0.002;
 /// Margin around the slices for every support and for the tracker's errors, mm.
 const MARGIN_MM: f64 = 5.0;
-/// Largest plausible deviation from the default's equations inside, root mean square, grey
-/// levels.
-const ABSURD_RMSE: f64 = 40.0;
 /// Rounding in f32 at a pixel's border decides which of two pixels is nearest, and they differ
 /// by noise: permitted root mean square and maximum.
 const AT_BORDERS: [f64; 2] = [1.0, 60.0];
@@ -179,11 +177,11 @@ pub(crate) fn measure(
         .check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
     for row in &mut rows {
         row.comparable = (row.score.coverage() - covered).abs() <= SAME_COVERAGE;
+        let limit = limits::from_default(row.stage, &row.contestant)?;
         // A NaN lies in no range.
-        let sane = (0.0..=ABSURD_RMSE).contains(&row.score.oracle.rmse) && row.score.slope.is_finite();
-        report
-            .findings
-            .check(sane || !row.comparable, format!("{}, {}: {:?}", row.title, row.contestant.name(), row.score));
+        let sane = (0.0..=limit).contains(&row.score.oracle.rmse) && row.score.slope.is_finite();
+        let what = format!("{}, {}: more than {limit} rms: {:?}", row.title, row.contestant.name(), row.score);
+        report.findings.check(sane || !row.comparable, what);
     }
     for (is_dear, rounds) in [(false, rounds.cheap), (true, rounds.dear)] {
         // The default takes part in both groups, as the reference of the ratios.

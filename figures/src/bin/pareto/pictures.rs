@@ -229,8 +229,9 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
     })
 }
 
-/// Draws medians over all scans of times and errors relative to the default's.
-fn summary(scans: &[Vec<&Row>]) -> Figure {
+/// Returns the contestants of all scans on one thread, with the medians over the scans of time and
+/// error relative to the default's.
+pub(crate) fn medians(scans: &[Vec<&Row>], measure: Measure) -> Vec<(Contestant, [f64; 2])> {
     let middle = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
@@ -238,26 +239,32 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
     let mut contestants = short_list(false);
     contestants.push(Contestant::new(Path::BruteForce, DEFAULT_VOXEL_MM));
     contestants.retain(|c| c.threads == 1);
+    let mut shown: Vec<(Contestant, [f64; 2])> = Vec::new();
+    for contestant in &contestants {
+        let compared: Vec<[f64; 2]> = scans
+            .iter()
+            .filter_map(|scan| {
+                // On planar scans the same kernels use the planar path.
+                let is = |row: &&&Row| match contestant.is_default() {
+                    true => row.contestant.is_default(),
+                    false => row.contestant.does_as(contestant),
+                };
+                let row = scan.iter().filter(|row| measure.compares(row)).find(is)?;
+                Some([row.over_default[1], measure.of(row) / measure.of(scan[0])])
+            })
+            .collect();
+        if !compared.is_empty() {
+            shown.push((*contestant, [0, 1].map(|c| middle(compared.iter().map(|p| p[c]).collect()))));
+        }
+    }
+    shown
+}
+
+/// Draws medians over all scans of times and errors relative to the default's.
+fn summary(scans: &[Vec<&Row>]) -> Figure {
     let mut panels = Vec::new();
     for measure in [Measure::Blurred, Measure::Slope, Measure::Anyone] {
-        let mut shown: Vec<(Contestant, [f64; 2])> = Vec::new();
-        for contestant in &contestants {
-            let compared: Vec<[f64; 2]> = scans
-                .iter()
-                .filter_map(|scan| {
-                    // On planar scans the same kernels use the planar path.
-                    let is = |row: &&&Row| match contestant.is_default() {
-                        true => row.contestant.is_default(),
-                        false => row.contestant.does_as(contestant),
-                    };
-                    let row = scan.iter().filter(|row| measure.compares(row)).find(is)?;
-                    Some([row.over_default[1], measure.of(row) / measure.of(scan[0])])
-                })
-                .collect();
-            if !compared.is_empty() {
-                shown.push((*contestant, [0, 1].map(|c| middle(compared.iter().map(|p| p[c]).collect()))));
-            }
-        }
+        let shown = medians(scans, measure);
         let points: Vec<[f64; 2]> = shown.iter().map(|(_, p)| *p).collect();
         let [x, y] = [0, 1].map(|c| range(points.iter().map(|p| p[c])));
         let mut series = vec![Series::new("Pareto front", SeriesStyle::Line, Ink::Grey, steps(&points, x, 2.0 * y[1]))];

@@ -1,0 +1,15 @@
+//! Measured figures of the documents.
+//!
+//! A [record](record) holds the figures of one run, with commit, date, machine, command and the
+//! hashes of the sources that it measured. A [template](template) is Markdown with placeholders
+//! for figures. [Blocks](documents) are the places of the documents that show a template's text.
+//! The tests compare each block with its template, and each record with [today's
+//! sources](sources).
+
+pub mod documents;
+pub mod record;
+pub mod sources;
+pub mod template;
+
+/// Folder of records and templates, from the repository's root.
+pub const FOLDER: &str = "docs/numbers";
