@@ -29,6 +29,8 @@ pub(crate) struct Case {
     pub(crate) goals: [f64; 2],
     /// Name of the table of whole pictures; their sizes, and the maximum ms of each.
     pub(crate) stills: (&'static str, &'static [([u32; 2], f64)]),
+    /// Name of the table of pictures in parts.
+    pub(crate) parts: &'static str,
     /// Name of the table of changed planes, if any.
     pub(crate) slab: Option<&'static str>,
 }
@@ -50,6 +52,7 @@ const PAPER: Case = Case {
     preset: "phantom",
     goals: [8.0, 15.0],
     stills: ("paper-stills", &[([256; 2], 57.0), ([512; 2], 217.0)]),
+    parts: "paper-parts",
     slab: Some("slab"),
 };
 
@@ -61,6 +64,7 @@ pub(crate) const CASES: [Case; 3] = [
         title: "90 slices of 128×128 pixels, 128×128×256 voxels, picture of 256×256, everything visible",
         preset: "xray",
         stills: ("paper-dense-stills", &[([256; 2], 57.0), ([512; 2], 217.0)]),
+        parts: "paper-dense-parts",
         slab: Some("slab-dense"),
         ..PAPER
     },
@@ -76,6 +80,7 @@ pub(crate) const CASES: [Case; 3] = [
         preset: "phantom",
         goals: [15.0, 33.0],
         stills: ("cube-stills", &[([512; 2], 477.0)]),
+        parts: "cube-parts",
         slab: None,
     },
 ];

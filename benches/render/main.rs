@@ -1,5 +1,5 @@
 //! Cost of a slice until its picture is finished: `make bench`, or `cargo bench --bench render --
-//! [--quick]`.
+//! [--quick] [--parts]`.
 //!
 //! One scan is like that of Ohbuchi, Chen & Fuchs (1992): 90 slices of 128×128 pixels into
 //! 128×128×256 voxels, with a picture of 256×256. The other has 256³ voxels and a picture of
@@ -9,13 +9,14 @@
 //!
 //! - [`case`]: the scans.
 //! - [`follow`]: a slice arrives. [`still`]: a new view. [`slab`]: a few planes change, with and
-//!   without caches.
+//!   without caches. [`parts`]: the same in parts of the world, also alone by `--parts`.
 //! - [`snapshot`]: volumes of bytes for other renderers; [`peer`]: VTK on the same volumes, if
 //!   `make peers` has created its environment.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 mod case;
 mod follow;
+mod parts;
 mod peer;
 #[path = "../reconstruct/report.rs"]
 #[allow(dead_code, reason = "shared with the bench of the reconstruction, which also compares threads")]
@@ -46,21 +47,27 @@ struct Effort {
     sides: usize,
     /// Whether it is a smoke test.
     quick: bool,
+    /// Whether only pictures in parts are measured.
+    only_parts: bool,
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { cases: CASES.len(), rounds: 5, sides: 6, quick: false };
+    let mut effort = Effort { cases: CASES.len(), rounds: 5, sides: 6, quick: false, only_parts: false };
     let mut folder = "out/bench/render";
     for argument in std::env::args().skip(1) {
         match argument.as_str() {
             // Cargo passes this to every bench.
             "--bench" => {}
             "--quick" => {
-                effort = Effort { cases: 1, rounds: 1, sides: 1, quick: true };
+                effort = Effort { cases: 1, rounds: 1, sides: 1, quick: true, only_parts: false };
                 folder = "out/bench/quick-render";
             }
+            "--parts" => {
+                effort.only_parts = true;
+                folder = "out/bench/parts";
+            }
             other => {
-                eprintln!("unknown argument {other}; this bench takes --quick or nothing");
+                eprintln!("unknown argument {other}; this bench takes --quick, --parts or nothing");
                 return ExitCode::from(2);
             }
         }
@@ -75,12 +82,19 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(Effort { cases, rounds, sides, quick }: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
+fn run(
+    Effort { cases, rounds, sides, quick, only_parts }: Effort,
+    folder: &Path,
+) -> Result<bool, Box<dyn Error>> {
     let mut report = Report::new();
     let python = peer::environment();
     let mut peers = peer::table();
     for case in &CASES[..cases] {
         let ready = Ready::new(case)?;
+        parts::measure(case, &ready, rounds, &mut report)?;
+        if only_parts {
+            continue;
+        }
         follow::measure(case, &ready, rounds, &mut report)?;
         still::measure(case, &ready, rounds, &mut report)?;
         slab::measure(case, &ready, rounds, &mut report)?;
@@ -95,5 +109,6 @@ fn run(Effort { cases, rounds, sides, quick }: Effort, folder: &Path) -> Result<
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let machine = json!({ "cores": cores, "simd": Simd::detect().name(), "load_average_after": load.trim() });
-    report.finish(machine, folder, quick, rounds)
+    // Figures of parts alone are no whole run.
+    report.finish(machine, folder, quick || only_parts, rounds)
 }

@@ -114,6 +114,29 @@ fn every_flag_takes_effect() {
 }
 
 #[test]
+fn any_parts_give_same_picture_and_are_counted() {
+    let place = ball();
+    let draw = |flags: &str| {
+        place.does(&format!("render v.mha -o p.png --image-size 40x40 --transfer phantom --stats s.json {flags}"));
+        (place.get("p.png"), place.json("s.json")["pictures"][0].clone())
+    };
+    let (plain, s) = draw("--parts 1 --threads 1");
+    assert_eq!((&s["parts"], &s["cache"]), (&1.into(), &"none".into()));
+    // The volume's 16 layers of voxels meet three of bricks; the region has one more on each side.
+    for parts in 1..=8 {
+        for threads in [1, 2] {
+            let (picture, s) = draw(&format!("--parts {parts} --threads {threads}"));
+            assert!(picture == plain, "{parts} parts on {threads} threads");
+            assert_eq!(s["parts"], parts.min(5), "{s}");
+            assert_eq!(s["cache"], if parts > 1 { "one-level" } else { "none" });
+            let noted = s["notes"].as_array().unwrap().iter().any(|note| note.as_str().unwrap().contains("5 layers"));
+            assert_eq!(noted, parts > 5, "{s}");
+        }
+    }
+    assert!(draw("").0 == plain, "by the measured rule");
+}
+
+#[test]
 fn weights_distinguish_unseen_from_dark() {
     let place = ball();
     let header = place.volume("v.mha").header;
@@ -195,6 +218,8 @@ fn impossible_pictures_are_refused() {
         ("render v.mha -o p.png --stop 1.5", &["--stop"]),
         ("render v.mha -o p.png --adaptive=-1", &["--adaptive"]),
         ("render v.mha -o p.png --adaptive 2", &["--adaptive"]),
+        ("render v.mha -o p.png --parts 2 --adaptive 0.02", &["--parts: ", "2 parts", "adaptive 0"]),
+        ("render v.mha -o p.png --mode slice --parts 2", &["--parts"]),
         ("render v.mha -o p.png --max-memory 1e-6", &["v.mha", "--max-memory"]),
     ] {
         place.refuses(words, says);
@@ -204,6 +229,8 @@ fn impossible_pictures_are_refused() {
         ("render v.mha -o p.png --view nan,0", "not finite"),
         ("render v.mha -o p.png --view 1", "must hold 2 numbers"),
         ("render v.mha -o p.png --arity 0", "--arity"),
+        ("render v.mha -o p.png --parts 0", "--parts"),
+        ("render v.mha -o p.png --parts 1025", "1..=1024"),
         ("render v.mha -o p.png --background 0,0,2", "between 0 and 1"),
         ("render v.mha -o p.png --window 5,5", "LO must lie below HI"),
         ("render v.mha -o p.png --mode glossy", "shaded"),

@@ -41,9 +41,13 @@ fn general_path_picture_equals_its_volume_bitwise() {
         "--cache two-level --threads 3",
         "--cache one-level --threads 1",
         "--cache linear --cache-bytes 1000",
+        "--parts 2 --threads 1",
+        "--parts 3 --threads 2",
     ] {
         assert!(check(&place, "general", replay, VIEW_FLAGS) == first, "{replay}");
     }
+    let in_parts = place.json("s.json")["picture"].clone();
+    assert_eq!((&in_parts["parts"], &in_parts["cache"]), (&3.into(), &"one-level".into()), "{in_parts}");
     check(&place, "general", "--cache linear", &format!("{VIEW_FLAGS} --perspective 40 --step 0.7 --arity 5"));
     check(&place, "general", "", &format!("{VIEW_FLAGS} --adaptive 0.02"));
     // The equality is not trivial: without weights, and without the box of the slices, the

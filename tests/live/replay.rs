@@ -90,6 +90,9 @@ pub(crate) fn again(
 struct Album {
     pictures: Mutex<BTreeMap<u64, Vec<u8>>>,
     every: Option<NonZeroU64>,
+    /// Parts and threads of the renderer.
+    parts: Option<u32>,
+    threads: usize,
 }
 
 impl Album {
@@ -104,7 +107,8 @@ impl Album {
 
 impl ViewClient for Album {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+        let settings = RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?);
+        Ok(RenderSettings { parts: self.parts, threads: self.threads, ..settings })
     }
 
     fn shown(&self, drawn: &Drawn) {
@@ -174,6 +178,38 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
         }
     }
     assert!(each[&(inserted / 2)] != each[&inserted], "pictures show what came since");
+}
+
+#[test]
+fn picture_in_parts_has_same_bits_live_and_replayed() {
+    let begin_ns = begin();
+    let live = Arc::new(Album { parts: Some(3), threads: 2, ..Album::default() });
+    let disk = Memory::default();
+    let set = Set::of(poses(begin_ns, 40), all_frames(begin_ns, 40));
+    let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn ViewClient>), ..set };
+    let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
+    let status = &finished.status;
+    assert!(status.pictures > 3 && status.pictures_in_parts == status.pictures, "{status:?}");
+    let run = |parts, threads| {
+        let album = Arc::new(Album { every: NonZeroU64::new(1), parts, threads, ..Album::default() });
+        let (replayed, decisions) = again(&disk, WAIT, Pace::Unpaced, false, |session, _| {
+            session.view_client = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
+        });
+        assert_eq!((decisions.differences().first, &replayed.digest), (None, &finished.digest));
+        (album, replayed.status)
+    };
+    let (each, status) = run(Some(1), 1);
+    let each = each.pictures.lock().unwrap();
+    assert_eq!((status.pictures_in_parts, status.pictures), (0, each.len() as u64));
+    for (slices, picture) in &*live.pictures.lock().unwrap() {
+        assert!(each[slices] == *picture, "after {slices} slices, live");
+    }
+    for (parts, threads) in (1..=8).flat_map(|parts| [(parts, 1), (parts, 2)]) {
+        let (album, status) = run(Some(parts), threads);
+        assert!(*album.pictures.lock().unwrap() == *each, "{parts} parts on {threads} threads");
+        let in_parts = if parts > 1 { status.pictures } else { 0 };
+        assert_eq!(status.pictures_in_parts, in_parts, "{parts} parts on {threads} threads");
+    }
 }
 
 #[test]

@@ -122,6 +122,8 @@ pub struct ViewSettings {
     pub stop: Option<f32>,
     /// Difference in the picture below which rays are skipped.
     pub adaptive: f32,
+    /// Parts of the volume that are rendered each by itself.
+    pub parts: Option<u32>,
     /// The light.
     pub light: Light,
     /// The setting that differs from the default light, if any.
@@ -143,6 +145,12 @@ impl ViewSettings {
         if !(0.0..=1.0).contains(&self.adaptive) {
             let problem = format!("must lie between 0, which casts all rays, and 1, not at {}", self.adaptive);
             return Err(Error::setting("adaptive", problem));
+        }
+        if self.adaptive > 0.0
+            && let Some(parts) = self.parts.filter(|parts| *parts > 1)
+        {
+            let error = RenderError::AdaptiveParts { parts };
+            return Err(Error::setting("parts", error.to_string()));
         }
         self.check_mode()?;
         self.transfer([0.0, 1.0])?;
@@ -205,6 +213,7 @@ impl ViewSettings {
             arity: self.arity,
             stop: self.stops().unwrap_or(STOP),
             adaptive: self.adaptive,
+            parts: self.parts,
             threads,
             ..RenderSettings::new(self.image_size, self.transfer(range)?)
         })

@@ -276,6 +276,8 @@ fn times(to: &mut Exposition, account: &SessionStatus) {
     );
     to.histogram("sonoweave_draw_seconds", "Time to draw a picture of the volume.", &account.draw);
     to.counter("sonoweave_pictures_total", "Pictures drawn.").sample(&[], account.pictures as f64);
+    to.counter("sonoweave_pictures_in_parts_total", "Pictures drawn in parts of the volume.")
+        .sample(&[], account.pictures_in_parts as f64);
     to.counter(
         "sonoweave_pictures_skipped_slices_total",
         "Slices that were inserted during the drawing of a picture and appeared in the next one.",

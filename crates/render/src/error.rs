@@ -83,6 +83,12 @@ pub enum RenderError {
         /// Layers of bricks along the region's z axis.
         layers: u32,
     },
+    /// Adaptive rays in parts.
+    #[error("a picture in {parts} parts casts every ray: choose adaptive 0, or leave out the parts")]
+    AdaptiveParts {
+        /// Number of parts requested.
+        parts: u32,
+    },
     /// Bytes that are not blocks of this picture.
     #[error(
         "a message of {bytes} bytes is not from a part of this picture: give all parts and the compositor the same settings and stage"

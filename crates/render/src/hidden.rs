@@ -32,19 +32,26 @@ impl Renderer {
         let [low, high] = self.region().bounds().map(|at| std::array::from_fn(|a| at[a] - self.region().first()[a]));
         // Not negative, and at most the camera's number of samples.
         let line = Line::new(&ray, low, high, samples.ceil() as u32);
-        channels!(self.image(), layers => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples))
+        channels!(self.image(), layers => {
+            let whole = Sampler::new(&layers.voxels, self.shader());
+            through(&self.parts().along(whole, &line, self.fold()), samples)
+        })
     }
 }
 
-fn through<const C: usize>(sampler: &Sampler<C>, line: &Line, samples: f64) -> f32 {
+/// Returns the transmittance of a line whose pieces are given in view order, each with its
+/// sampler.
+fn through<const C: usize>(pieces: &[(Sampler<C>, Line)], samples: f64) -> f32 {
     let (mut transmittance, mut run, mut work) = (1.0, Run::new(), RenderWork::default());
-    for k in (line.first..line.end).step_by(RUN as usize) {
-        let n = (line.end - k).min(RUN);
-        if sampler.run(line, k, n, &mut run, &mut work) {
-            for i in 0..n {
-                // Only the part of the last sample that lies before the place counts.
-                let part = (samples - f64::from(k + i)).min(1.0) as f32;
-                transmittance *= 1.0 - run.sample(i as usize).alpha * part;
+    for (sampler, line) in pieces {
+        for k in (line.first..line.end).step_by(RUN as usize) {
+            let n = (line.end - k).min(RUN);
+            if sampler.run(line, k, n, &mut run, &mut work) {
+                for i in 0..n {
+                    // Only the part of the last sample that lies before the place counts.
+                    let part = (samples - f64::from(k + i)).min(1.0) as f32;
+                    transmittance *= 1.0 - run.sample(i as usize).alpha * part;
+                }
             }
         }
     }

@@ -51,7 +51,8 @@ impl Renderer {
         let line = Line::new(&ray, low, high, camera.samples());
         let composite_mode = self.fold().composite_mode;
         let depth = channels!(self.image(), layers => {
-            depth(&Sampler::new(&layers.voxels, self.shader()), &line, composite_mode)
+            let whole = Sampler::new(&layers.voxels, self.shader());
+            depth(&self.parts().along(whole, &line, self.fold()), composite_mode)
         })?;
         let to_world = self.region().world_from_region();
         let place = |[i, j]: [f64; 2]| {
@@ -74,23 +75,30 @@ struct Depth {
     width: f64,
 }
 
-fn depth<const C: usize>(sampler: &Sampler<C>, line: &Line, composite_mode: CompositeMode) -> Option<Depth> {
+/// Finds the place on a line whose pieces are given in view order, each with its sampler.
+fn depth<const C: usize>(pieces: &[(Sampler<C>, Line)], composite_mode: CompositeMode) -> Option<Depth> {
     let mut samples = Vec::new();
     let (mut run, mut work) = (Run::new(), RenderWork::default());
-    for k in (line.first..line.end).step_by(RUN as usize) {
-        let n = (line.end - k).min(RUN);
-        if sampler.run(line, k, n, &mut run, &mut work) {
-            samples.extend((0..n).map(|i| (k + i, run.sample(i as usize))));
+    for (sampler, line) in pieces {
+        for k in (line.first..line.end).step_by(RUN as usize) {
+            let n = (line.end - k).min(RUN);
+            if sampler.run(line, k, n, &mut run, &mut work) {
+                samples.extend((0..n).map(|i| (k + i, run.sample(i as usize))));
+            }
         }
     }
+    let surface = |k: u32| {
+        let (sampler, line) = pieces.iter().find(|(_, line)| (line.first..line.end).contains(&k))?;
+        sampler.surface(line, k)
+    };
     match composite_mode {
-        CompositeMode::Over => opaque(sampler, line, &samples),
+        CompositeMode::Over => opaque(surface, &samples),
         CompositeMode::Thin | CompositeMode::Most { .. } => largest(&samples),
     }
 }
 
 /// Finds where half of the background is hidden.
-fn opaque<const C: usize>(sampler: &Sampler<C>, line: &Line, samples: &[(u32, Lit<f32, C>)]) -> Option<Depth> {
+fn opaque<const C: usize>(surface: impl Fn(u32) -> Option<f64>, samples: &[(u32, Lit<f32, C>)]) -> Option<Depth> {
     let mut transmittance = 1.0_f32;
     let (mut half, mut quarters) = (None, [None; 2]);
     let mut end = 0.0;
@@ -103,7 +111,7 @@ fn opaque<const C: usize>(sampler: &Sampler<C>, line: &Line, samples: &[(u32, Li
             (transmittance > through && behind <= through).then(|| f64::from(*k) - 0.5 + share())
         };
         if let (None, Some(at)) = (half, passes(HALF)) {
-            half = Some(sampler.surface(line, *k).unwrap_or(at));
+            half = Some(surface(*k).unwrap_or(at));
         }
         for (quarter, opacity) in quarters.iter_mut().zip(QUARTERS) {
             *quarter = quarter.or_else(|| passes(opacity));

@@ -16,6 +16,8 @@ use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
 use super::layers::{Channels, Image, Layers, channels};
 use super::mode::{Mode, VoxelData};
+use super::partition::choice;
+use super::partition::shared::Parts;
 use super::picture::Picture;
 use super::rays::composite::Fold;
 use super::rays::marks::Marks;
@@ -29,9 +31,9 @@ use super::work::RenderWork;
 /// Time and work of an update.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Updated {
-    /// Time to read, classify and light the changes.
+    /// Time to read, classify and light the changes; in parts, to read them.
     pub shade: Duration,
-    /// Time to sample and composite rays.
+    /// Time to sample and composite rays; in parts, also to classify and light.
     pub rays: Duration,
     /// Work done.
     pub work: RenderWork,
@@ -71,6 +73,9 @@ pub struct Renderer {
     fold: Fold,
     pool: Option<Arc<rayon::ThreadPool>>,
     image: Image,
+    /// The parts, if the picture is rendered in parts. They then hold the voxels, and the image
+    /// only the pixels.
+    parts: Parts,
     cache_choice: CacheChoice,
     work: RenderWork,
     /// Changes that were read but are not drawn yet.
@@ -113,8 +118,21 @@ impl Renderer {
             true => Image::Grey(Layers::new(&camera, &region, settings)),
             false => Image::Colour(Layers::new(&camera, &region, settings)),
         };
-        let cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
-        image.keep(cache_choice.cache, fold);
+        let mut cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
+        let one_level =
+            channels!(&image, layers => layers.rows.iter().map(|row| row.cache_bytes(Cache::OneLevel, fold)).sum());
+        let (count, note) = choice::choose(settings, &region, one_level)?;
+        let mut parts = Parts::default();
+        if count > 1 {
+            parts = Sharing::within(pool.as_deref(), |sharing| {
+                Parts::new(settings, &region, (&camera, &image), count, sharing)
+            })?;
+            cache_choice.cache = Cache::OneLevel;
+            cache_choice.notes = Vec::from_iter(note);
+        } else {
+            cache_choice.notes.extend(note);
+            image.keep(cache_choice.cache, fold);
+        }
         if settings.adaptive > 0.0 {
             channels!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive)));
         }
@@ -130,6 +148,7 @@ impl Renderer {
             fold,
             pool,
             image,
+            parts,
             cache_choice,
             work: RenderWork::default(),
             changed: Vec::new(),
@@ -191,8 +210,9 @@ impl Renderer {
         }
         let began = Instant::now();
         let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
-        Sharing::within(pool, |sharing| {
-            self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed);
+        Sharing::within(pool, |sharing| match self.parts.is_none() {
+            true => self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed),
+            false => self.parts.read(volume, bricks, sharing),
         });
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
@@ -207,6 +227,9 @@ impl Renderer {
     /// lattice indices. The slab makes the update faster and changes no bit.
     pub fn draw_within(&mut self, slab: Option<&Prism>) -> Updated {
         let began = Instant::now();
+        if !self.parts.is_none() {
+            return self.draw_parts(slab);
+        }
         let mut work = RenderWork { bricks_changed: self.changed.len() as u64, ..RenderWork::default() };
         if self.changed.is_empty() {
             return Updated::default();
@@ -234,8 +257,25 @@ impl Renderer {
         Updated { shade, rays, work }
     }
 
+    /// Same as [`Self::draw_within`], in parts. They shade and cast side by side, so all of it is
+    /// time of the rays.
+    fn draw_parts(&mut self, slab: Option<&Prism>) -> Updated {
+        let began = Instant::now();
+        if !self.parts.has_changed() {
+            return Updated::default();
+        }
+        let slab = slab.map(|slab| slab.shifted(self.region.first().map(|x| -x)));
+        let pool = self.pool.clone();
+        let work = Sharing::within(pool.as_deref(), |sharing| {
+            self.parts.draw(slab.as_ref(), &mut self.image, self.fold, sharing)
+        });
+        self.work += work;
+        Updated { shade: Duration::ZERO, rays: began.elapsed(), work }
+    }
+
     /// Changes the view. The picture is at once a coarse one of the new view, and
-    /// [`Self::refine`] makes it exact. Remaining work for an earlier view is dropped.
+    /// [`Self::refine`] makes it exact. Remaining work for an earlier view is dropped. A picture
+    /// in parts is rendered without parts from then on.
     ///
     /// # Errors
     /// [`RenderError::View`] for an invalid view; then nothing changes.
@@ -246,6 +286,7 @@ impl Renderer {
         }
         let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.region)?;
         self.draw();
+        self.parts.unite(&mut self.snapshot, &mut self.image);
         self.settings.view = view;
         self.camera = camera;
         self.marks = Marks::new(&self.camera, self.mode.reach());
@@ -382,6 +423,15 @@ impl Renderer {
         &self.image
     }
 
+    pub(super) fn parts(&self) -> &Parts {
+        &self.parts
+    }
+
+    /// Returns the number of parts in which it is rendered; 1 if it is rendered without.
+    pub fn count_of_parts(&self) -> u32 {
+        self.parts.count()
+    }
+
     /// Returns the render region.
     pub fn region(&self) -> &RenderRegion {
         &self.region
@@ -390,11 +440,12 @@ impl Renderer {
     /// Returns the memory in use.
     pub fn memory(&self) -> RenderMemory {
         let (shaded, rays) = channels!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
-        RenderMemory { voxels: self.snapshot.bytes() + shaded, rays }
+        let [voxels, of_parts] = self.parts.bytes();
+        RenderMemory { voxels: voxels + self.snapshot.bytes() + shaded, rays: rays + of_parts }
     }
 
     /// Returns the number of bricks in the region that hold anything.
     pub fn bricks(&self) -> usize {
-        self.snapshot.len()
+        self.snapshot.len() + self.parts.bricks()
     }
 }

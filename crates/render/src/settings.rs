@@ -79,6 +79,9 @@ pub struct RenderSettings {
     pub cache: Cache,
     /// Limit of the ray cache, bytes; if it would take more, less is kept.
     pub cache_bytes: u64,
+    /// Parts of the volume that are rendered each by itself, see [`crate::partition`]; any number
+    /// gives the same picture. `None` for the [usual number](crate::partition::choice).
+    pub parts: Option<u32>,
     /// Threads; any number gives the same picture.
     pub threads: usize,
     /// Instruction set of the hot loops; all give the same picture.
@@ -101,6 +104,7 @@ impl RenderSettings {
             adaptive: 0.0,
             cache: Cache::default(),
             cache_bytes: CACHE_BYTES,
+            parts: None,
             threads: 1,
             simd: Simd::detect(),
         }

@@ -5,6 +5,8 @@
 //! neighbours. Each brick therefore also keeps the first voxels of the seven neighbours beyond
 //! it, 9³ in all, so that a sample finds all eight in one place.
 
+use std::ops::Range;
+
 use simd::sharing::Sharing;
 use simd::wide::{Job, Set, Wide};
 use simd::{LANES, Simd};
@@ -14,7 +16,7 @@ use super::classify::interval::{Interval, SIDES, Side};
 use super::classify::shade::{Lit, Shader};
 use super::classify::steepness::steepest;
 use super::region::RenderRegion;
-use super::snapshot::{ABSENT, Bits, Brick, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart};
+use super::snapshot::{ABSENT, Bits, Brick, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart, begins_in};
 
 /// Voxels along an edge of a brick, including those kept of its neighbours.
 pub(super) const SIDE: usize = EDGE + 1;
@@ -272,6 +274,20 @@ impl<const C: usize> Shaded<C> {
         let slot = self.table.slots()[index];
         let may_show = slot != ABSENT && self.interval.may_show(self.bricks[slot as usize].sides);
         self.visible[index] = if may_show { slot } else { ABSENT };
+    }
+
+    /// Takes over the bricks of another set of the region, within some layers of voxels that it
+    /// does not hold itself.
+    pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
+        let mut bricks: Vec<Option<Box<ShadedBrick<C>>>> = other.bricks.into_iter().map(Some).collect();
+        for (index, slot) in other.table.slots().iter().enumerate() {
+            if begins_in(other.table.place(index), layers)
+                && let Some(brick) = bricks.get_mut(*slot as usize).and_then(Option::take)
+            {
+                self.add(index, brick);
+                self.update_visibility(index);
+            }
+        }
     }
 
     pub(super) fn bytes(&self) -> u64 {

@@ -1,6 +1,8 @@
 //! Value and weight of each voxel of the render region as last read from the volume, and which
 //! of them have changed.
 
+use std::ops::Range;
+
 use simd::sharing::Sharing;
 use simd::{Fused, Simd};
 use volume::brick::{BrickIndex, EDGE, VOXELS};
@@ -277,14 +279,36 @@ impl VoxelSnapshot {
         Some((brick, beside))
     }
 
+    /// Takes over the bricks of another snapshot of the region, within some layers of voxels that
+    /// it does not hold itself.
+    pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
+        for (at, brick) in other.places.into_iter().zip(other.bricks) {
+            if let Some(index) = self.table.index(at).filter(|_| begins_in(at, layers)) {
+                self.table.set(index, self.bricks.len() as u32);
+                self.bricks.push(brick);
+                self.places.push(at);
+            }
+        }
+    }
+
     /// Returns the number of bricks that hold anything.
     pub(super) fn len(&self) -> usize {
         self.bricks.len()
     }
 
+    /// Returns the number of those within some layers of voxels.
+    pub(super) fn len_within(&self, layers: &Range<i64>) -> usize {
+        self.places.iter().filter(|at| begins_in(**at, layers)).count()
+    }
+
     pub(super) fn bytes(&self) -> u64 {
         self.table.bytes() + (self.bricks.len() * (size_of::<Brick>() + size_of::<Box<Brick>>())) as u64
     }
+}
+
+/// Returns whether a brick begins within some layers of voxels.
+pub(super) fn begins_in(at: [i64; 3], layers: &Range<i64>) -> bool {
+    layers.contains(&(at[2] * EDGE as i64))
 }
 
 /// Returns the voxels in which two bricks differ by a bit.

@@ -1,5 +1,7 @@
 //! The voxels of a picture and the samples between them, for the picture's mode.
 
+use std::ops::Range;
+
 use simd::Simd;
 use simd::sharing::Sharing;
 
@@ -44,6 +46,15 @@ impl<const C: usize> Voxels<C> {
         match self {
             Self::Lit(shaded) => shaded.update(snapshot, voxels, shader, simd, sharing, dirty),
             Self::SampleClassifier(shaded) => shaded.update(snapshot, voxels, shader, simd, sharing, dirty),
+        }
+    }
+
+    /// Same as [`Shaded::adopt`]; both are for one mode.
+    pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
+        match (self, other) {
+            (Self::Lit(shaded), Self::Lit(other)) => shaded.adopt(other, layers),
+            (Self::SampleClassifier(shaded), Self::SampleClassifier(other)) => shaded.adopt(other, layers),
+            _ => {}
         }
     }
 

@@ -70,6 +70,8 @@ pub struct PictureNumbers {
     /// Differences of pixels, as a fraction of the full range, below which rays were skipped; 0
     /// casts one ray per pixel.
     pub adaptive: f32,
+    /// Parts of the volume that were rendered each by itself; 1 without parts.
+    pub parts: u32,
     /// Kind of ray cache.
     pub cache: &'static str,
     /// Memory of the rays and their cache, bytes.
@@ -97,6 +99,7 @@ impl PictureNumbers {
             samples_per_ray: renderer.samples(),
             arity: renderer.arity(),
             adaptive: renderer.adaptive(),
+            parts: renderer.count_of_parts(),
             cache: renderer.cache().name(),
             cache_bytes: memory.rays,
             voxel_bytes: memory.voxels,

@@ -55,6 +55,10 @@ pub(in crate::cli) struct ViewFlags {
     /// exact
     #[arg(long, value_name = "EPS", default_value_t = 0.0)]
     pub(in crate::cli) adaptive: f32,
+    /// Parts of the volume, cut across its z axis, that threads render each by itself; any number
+    /// gives the same picture [default: as many as are fastest]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(in crate::cli) parts: Option<u32>,
     /// Colour behind the volume: red, green, blue, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = values::colour, allow_hyphen_values = true)]
     pub(in crate::cli) background: Colour,
@@ -109,6 +113,7 @@ impl ViewFlags {
             arity: self.arity,
             stop: self.stop,
             adaptive: self.adaptive,
+            parts: self.parts,
             light,
             lit_by: self.lighting.given(),
         }

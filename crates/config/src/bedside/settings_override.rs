@@ -25,7 +25,7 @@ const TRIED: [(&str, &[&str]); 4] = [
     ("calibration", &["warn_after_days"]),
     ("pairing", &[]),
     ("volume", &["threads", "max_memory_gib"]),
-    ("picture", &["most_hz", "image_size", "cache", "cache_mib", "draw", "threads"]),
+    ("picture", &["most_hz", "image_size", "cache", "cache_mib", "draw", "parts", "threads"]),
 ];
 /// Keys whose values may name a file.
 const FILES: [&str; 2] = ["calibration.file", "picture.transfer"];

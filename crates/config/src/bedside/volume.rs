@@ -147,6 +147,7 @@ impl Picture {
             arity: given.arity,
             stop: given.stop.map(|x| x as f32),
             adaptive: given.adaptive as f32,
+            parts: given.parts,
             light: light.with_two_sided(given.two_sided).with_depth_cue(cue),
             lit_by: ["light", "ambient", "diffuse", "specular", "shininess", "two_sided", "depth_cue"]
                 .into_iter()

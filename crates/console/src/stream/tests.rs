@@ -389,6 +389,7 @@ fn drawn(item: u64) -> Drawn {
         refining: false,
         pictures: 0,
         by_slab: 0,
+        in_parts: 0,
         skipped: 0,
         capture_to_picture: Spread::default(),
         draw: Spread::default(),

@@ -137,6 +137,8 @@ pub struct Drawn {
     pub pictures: u64,
     /// Those of them for which only rays through the slab of the last slice were cast again.
     pub by_slab: u64,
+    /// Those of them that were drawn in parts of the volume, each by itself.
+    pub in_parts: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub skipped: u64,
     /// Time from the frame's capture to its picture, ms.
@@ -215,6 +217,7 @@ impl RenderState<'_> {
                     refining: false,
                     pictures: 0,
                     by_slab: 0,
+                    in_parts: 0,
                     skipped: 0,
                     capture_to_picture: Spread::default(),
                     draw: Spread::default(),
@@ -409,6 +412,7 @@ pub(super) fn run(
         // From here on, insertion continues.
         drop(volume);
         drawn.by_slab += u64::from(slab.is_some());
+        drawn.in_parts += u64::from(drawn.renderer.count_of_parts() > 1);
         background.run(|| drawn.renderer.draw_within(slab.as_ref()));
         (drawn.slices, drawn.item, drawn.captured_ns) = (inserted, item, captured_ns);
         drawn.pictures += 1;

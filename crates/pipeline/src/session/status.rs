@@ -97,6 +97,8 @@ pub struct SessionStatus {
     pub pictures: u64,
     /// Those of them for which only rays through the slab of the last slice were cast again.
     pub pictures_by_slab: u64,
+    /// Those of them that were drawn in parts of the volume, each by itself.
+    pub pictures_in_parts: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub pictures_skipped: u64,
     /// Time for which the scanner has repeated one frame while the probe moved, s; `None` if it
@@ -339,6 +341,7 @@ impl StatusCollector {
     pub(super) fn drawn(&self, drawn: &Drawn) {
         let mut status = self.lock();
         (status.pictures, status.pictures_by_slab) = (drawn.pictures, drawn.by_slab);
+        status.pictures_in_parts = drawn.in_parts;
         status.pictures_skipped = drawn.skipped;
         status.capture_to_picture.set_to(&drawn.capture_to_picture);
         status.draw.set_to(&drawn.draw);

@@ -103,11 +103,30 @@ impl<const C: usize> Row<C> {
         self.mark_all();
     }
 
-    /// Restricts each ray to some samples; all must still be transparent.
-    pub(crate) fn restrict(&mut self, own: impl Fn(&Line) -> [u32; 2]) {
-        for line in &mut self.lines {
-            [line.first, line.end] = own(line);
+    /// Returns a row of the same rays, each restricted to some samples; transparent.
+    pub(crate) fn restricted(&self, own: impl Fn(&Line) -> [u32; 2]) -> Self {
+        let restricted = |line: &Line| {
+            let [first, end] = own(line);
+            Line { first, end, ..*line }
+        };
+        Self {
+            pixels: vec![Accumulated::CLEAR; self.lines.len()],
+            lines: self.lines.iter().map(restricted).collect(),
+            cache: RowCache::none(),
+            dirty: vec![[u32::MAX, 0]; self.lines.len()],
+            work: RenderWork::default(),
         }
+    }
+
+    /// Returns the rays.
+    pub(crate) fn lines(&self) -> &[Line] {
+        &self.lines
+    }
+
+    /// Sets a pixel, and counts whether it has changed.
+    pub(crate) fn set(&mut self, at: usize, pixel: Accumulated<C>) {
+        self.work.pixels_changed += u64::from(!pixel.same_bits(&self.pixels[at]));
+        self.pixels[at] = pixel;
     }
 
     /// Returns the number of a ray's first block, and the range of its blocks in [`Self::kept`].
@@ -154,7 +173,6 @@ impl<const C: usize> Row<C> {
     fn cast_pixel(&mut self, at: usize, samples: [u32; 2], sampler: Sampler<'_, C>, fold: Fold) {
         let pixel = self.cache.pixel(at, &self.lines[at], samples, sampler, fold, &mut self.work);
         self.work.rays += 1;
-        self.work.pixels_changed += u64::from(!pixel.same_bits(&self.pixels[at]));
-        self.pixels[at] = pixel;
+        self.set(at, pixel);
     }
 }

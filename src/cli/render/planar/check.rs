@@ -33,6 +33,7 @@ impl PlanarFlags {
             ("--arity", view_flags.arity.is_some()),
             ("--stop", view_flags.stop.is_some()),
             ("--adaptive", view_flags.adaptive != 0.0),
+            ("--parts", view_flags.parts.is_some()),
             ("--background", view_flags.background != usual.background),
         ];
         if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {

@@ -158,6 +158,10 @@ pub(crate) struct Picture {
     #[schemars(range(max = 1 << 20))]
     #[default((CACHE_BYTES >> 20) as u32)]
     pub(crate) cache_mib: u32,
+    /// Parts of the volume, cut across its z axis, that threads render each by itself; any number
+    /// gives the same picture; default: as many as are fastest
+    #[schemars(range(min = 1, max = 1024))]
+    pub(crate) parts: Option<u32>,
     /// Annotations drawn over the picture
     #[schemars(extend("x-takes" = "a list of slice, probe, scale and cube"))]
     #[default(vec![Name(Draw::Slice), Name(Draw::Probe)])]
