@@ -7,6 +7,7 @@ mod arm;
 mod arm_sessions;
 mod batch;
 mod calibrate;
+mod chain;
 mod commands;
 mod compare;
 mod containers;

@@ -71,6 +71,7 @@ impl Options {
         let clip = clip.or(settings.clip);
         let began = Instant::now();
         let observe = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip, steps);
+        let second = self.second(advisor)?;
         let made = self.gathering.of(self.live.as_ref())?;
         let made = made
             .map(|path| guide::gathered(path, self, advisor, &layout, &held, &settings.frames, clip))
@@ -78,7 +79,7 @@ impl Options {
         let recorded = self.recorded(made.as_deref())?;
         let path = recorded.path();
         let seen = observe(&recorded)?;
-        let second = self.second(&recorded, advisor)?.map(|second| observe(&second)).transpose()?;
+        let second = second.map(|second| observe(&second)).transpose()?;
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
             return Err(within(path, "its frames differ in size from the second recording's".into()));
         }

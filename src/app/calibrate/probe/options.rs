@@ -151,10 +151,11 @@ impl Options {
         some.map_or(Path::new(""), PathBuf::as_path)
     }
 
-    /// Returns the second recording.
-    pub(crate) fn second(&self, first: &Recorded, advisor: &dyn Advisor) -> Result<Option<Recorded>, Failure> {
+    /// Opens the second recording.
+    pub(crate) fn second(&self, advisor: &dyn Advisor) -> Result<Option<Recorded>, Failure> {
         let second = self.validate.as_ref().map(|path| Recorded::of(path)).transpose()?;
-        if second.as_ref().is_some_and(|second| second.bedside().is_some() != first.bedside().is_some()) {
+        let is_session = self.sequence.is_none();
+        if second.as_ref().is_some_and(|second| second.bedside().is_some() != is_session) {
             advisor.say(
                 "note: one recording is a sequence and the other a session; if their lags differ, the second one's \
                 errors are too large",

@@ -56,6 +56,7 @@ impl Options {
         let began = Instant::now();
         let names = Names { probe: "Probe", reference };
         let is_plane = target == Target::Plane;
+        let second = self.second(advisor)?;
         let made = self
             .gathering
             .of(self.live.as_ref())?
@@ -65,10 +66,7 @@ impl Options {
         let path = recorded.path();
         let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
         let (seen, reference) = observe(&recorded, names, *clip, is_plane, steps)?;
-        let second = self
-            .second(&recorded, advisor)?
-            .map(|second| observe(&second, names, *clip, is_plane, steps))
-            .transpose()?;
+        let second = second.map(|second| observe(&second, names, *clip, is_plane, steps)).transpose()?;
         let second = second.map(|(second, _)| second);
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
             return Err(within("its frames differ in size from the second recording's".into()));
