@@ -85,7 +85,9 @@ fn each_live_calibration_starts_from_the_one_before() {
     );
     assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
     let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
-    assert!(middle < 0.4 && corner < 0.8, "{middle} {corner}");
+    // As of one N-wire scan, 0.20 and 0.45 mm in the worst of six runs, doubled; and the phantom's
+    // pose, which is itself measured.
+    assert!(middle < 0.5 && corner < 1.0, "{middle} {corner}");
 
     let run =
         does_live(&place, "calibrate latency --live crossing.toml --config probe.toml --duration 8 -o probe.toml");
@@ -162,7 +164,7 @@ fn missing_prerequisite_is_named_before_recording() {
         (
             "probe --live no-patient.toml --phantom held.toml",
             [
-                "no-patient.toml: holds no frame Reference, the frame of the phantom, only Probe, Stylus",
+                "no-patient.toml: holds no frame Reference, in which the target rests, only Probe, Stylus",
                 "under [tracker]",
             ],
         ),

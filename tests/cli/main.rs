@@ -28,6 +28,7 @@ mod phantom;
 mod place;
 mod planes;
 mod probe;
+mod probe_flags;
 mod refusals;
 mod render;
 mod replay;

@@ -24,11 +24,14 @@ use super::recorded::Recorded;
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
 pub(crate) use lag::Lag;
-pub(crate) use options::{Made, Method, Options};
+pub(crate) use options::{Made, Method, MethodFile, Options};
 use recording::{Observed, observe};
 pub(crate) use recording::{StoredImage, pictures};
 pub(crate) use reproducibility::Reproducibility;
 use reproducibility::reproducibility;
+
+/// Largest distance of a phantom from its reference sensor, mm.
+const MOST_MM: f64 = 10_000.0;
 
 /// A calibration by an N-wire phantom, and what it is based on.
 pub(crate) struct Found {
@@ -132,5 +135,12 @@ fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Fa
     let affine = found.ok_or_else(|| {
         within(format!("holds no {}To{}; measure it with `calibrate landmarks`", frames.phantom, frames.reference))
     })?;
+    let far_mm = affine.translation.length();
+    if far_mm > MOST_MM {
+        return Err(within(format!(
+            "{}To{} is {far_mm:.0e} mm, more than {MOST_MM:.0}; check that its numbers are in mm",
+            frames.phantom, frames.reference
+        )));
+    }
     Registration::new(Transform::from_affine(affine), None).map_err(|error| within(error.to_string()))
 }
