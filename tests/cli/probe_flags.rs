@@ -115,7 +115,7 @@ fn ruler_must_be_two_lengths_of_the_calibrated_scale() {
         );
     }
     misused(&place, &format!("{words} --ruler 180,40"), "--preset <NAME>");
-    // Of another depth, and exchanged.
+    // A ruler of another depth, exchanged lengths, and a tiny scale.
     for ruler in ["180,80", "40,180", "99999,0.00001"] {
         place.refuses(
             &format!("{words} --preset near --ruler {ruler}"),

@@ -21,9 +21,8 @@ pub(super) fn listed_frames(errors: &ProbeReport) -> Vec<usize> {
     frames
 }
 
-/// Begins a page with its title, the verdict on the result, the number of images behind it, the
-/// lag of the poses and its deviation, s, if it was sought, and the reproducibility. `what` names
-/// the error of validation images.
+/// Begins a page: title, verdict, number of images, lag if it was sought, reproducibility. `what`
+/// names the error of validation images; the lag's deviation is in s.
 pub(super) fn begun(inputs: &Inputs, shared: &Shared, what: &str, lag_sd_s: f64) -> Page {
     let mut page = Page::new(&shared.heading(inputs));
     let held = shared.validation_error_mm.as_ref();
