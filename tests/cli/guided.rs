@@ -110,7 +110,6 @@ fn point_or_plane_scan_reports_uncertainty_until_goal() {
         assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
         assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
         let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
-        println!("{method}: pixels {middle:.3} and {corner:.3} mm");
         assert!(middle < within[0] && corner < within[1], "{method}: {middle} {corner}; {}", run.stdout);
     }
 }
@@ -129,7 +128,6 @@ fn nwire_scan_reports_uncertainty_until_goal() {
     assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
     assert!(run.stdout.contains("frames of the phantom n-wire used"), "{}", run.stdout);
     let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
-    println!("pixels {middle:.3} and {corner:.3} mm");
     // The scan ends when a corner is known to 0.5 mm (one standard deviation). The limits are twice
     // the largest of six runs, 0.20 and 0.45 mm.
     assert!(middle < 0.4 && corner < 0.9, "{middle} {corner}");

@@ -140,7 +140,6 @@ fn calibrated_session_shows_wires_at_true_positions() {
         ends(&places),
         ends(&lines)
     );
-    println!("{figures}");
     let ([median, most], [_, most_of_line]) = (ends(&places), ends(&lines));
     // The delays of a session differ from run to run. The limits are twice the largest of ten
     // runs: 0.11, 0.38, 0.19, 0.19 and 0.30 mm. A place is read between voxels of 0.3 mm, a line is
