@@ -125,8 +125,8 @@ pub fn register(
     landmarks: &[Landmark],
     settings: &Settings,
 ) -> Result<Registered, CalibrationError> {
-    let places: Vec<DVec3> = landmarks.iter().map(|landmark| landmark.position_mm).collect();
-    check_landmarks(&places)?;
+    check(landmarks)?;
+    let places = places(landmarks);
     let touch = Touch::of(readings, tip_mm, 1.0, spacing(&places), settings)?;
     let found = touch.search(&places);
     let count = |found: &Option<Found>| found.as_ref().map_or(0, |found| found.best.count);
@@ -171,17 +171,23 @@ fn spacing(places: &[DVec3]) -> f64 {
     pairs.fold(f64::INFINITY, f64::min)
 }
 
-fn check_landmarks(places: &[DVec3]) -> Result<(), LandmarksError> {
-    let [Some(first), Some(second)] = [places.first(), places.get(1)] else {
-        return Err(LandmarksError::TooFew { landmarks: places.len() });
+fn places(landmarks: &[Landmark]) -> Vec<DVec3> {
+    landmarks.iter().map(|landmark| landmark.position_mm).collect()
+}
+
+/// Checks that landmarks can determine a phantom's pose.
+///
+/// # Errors
+/// [`LandmarksError::TooFew`] or [`LandmarksError::OnALine`].
+pub fn check(landmarks: &[Landmark]) -> Result<(), CalibrationError> {
+    let places = places(landmarks);
+    let [first, second, _, ..] = places.as_slice() else {
+        return Err(LandmarksError::TooFew { landmarks: places.len() }.into());
     };
-    if places.len() < 3 {
-        return Err(LandmarksError::TooFew { landmarks: places.len() });
-    }
     let along = (*second - *first).normalize_or_zero();
     let aside = |p: &DVec3| (*p - *first).reject_from_normalized(along).length();
     if places.iter().map(aside).fold(0.0, f64::max) < 1.0 {
-        return Err(LandmarksError::OnALine);
+        return Err(LandmarksError::OnALine.into());
     }
     Ok(())
 }

@@ -20,7 +20,7 @@ use drivers::simulated::{
 use drivers::tracker::polhemus::{Model, Port};
 use drivers::transport::Peer;
 use formats::session::LineProtocol;
-use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
+use phantom::bedside::{PROBE_STATION, REFERENCE_STATION, STYLUS_STATION};
 use phantom::{self, Scan, TrackerNoise};
 use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
@@ -67,7 +67,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let clock: Arc<dyn Clock> = Arc::new(Monotonic);
     let hand = bedside.virtual_bedside.as_ref().map(|virtual_bedside| {
         let hand = phantom::Bedside::new(Scan::clone(&virtual_bedside.scan), begin_ns);
-        (Arc::new(hand), virtual_bedside)
+        (Arc::new(hand.with_stylus(virtual_bedside.stylus)), virtual_bedside)
     });
     let mut twins = Vec::new();
     let settings = match (&bedside.tracking, &hand) {
@@ -137,7 +137,11 @@ fn lying(mut pictures: Pictures, size: [u32; 2], orientation: &'static str) -> P
 /// Returns the hand's movement in terms of the tracker's stations for its sensors.
 fn seen_by(roles: Roles, motion: Motion) -> Motion {
     Arc::new(move |station, at_ns| -> Placed {
-        let of_hand = if station == roles.probe { PROBE_STATION } else { REFERENCE_STATION };
+        let of_hand = match station {
+            station if station == roles.probe => PROBE_STATION,
+            station if Some(station) == roles.stylus => STYLUS_STATION,
+            _ => REFERENCE_STATION,
+        };
         motion(of_hand, at_ns)
     })
 }

@@ -141,9 +141,10 @@ fn calibrated_session_shows_wires_at_true_positions() {
         ends(&lines)
     );
     let ([median, most], [_, most_of_line]) = (ends(&places), ends(&lines));
-    // The delays of a session differ from run to run. The largest of six runs were 0.11, 0.36,
-    // 0.19, 0.12 and 0.27 mm. A place is read between voxels of 0.3 mm, a line is fitted to many.
-    assert!(median < 0.15 && most < 0.6 && most_of_line < 0.3 && centre < 0.24 && corner < 0.35, "{figures}");
+    // The delays of a session differ from run to run. The limits are twice the largest of ten
+    // runs: 0.11, 0.38, 0.19, 0.19 and 0.30 mm. A place is read between voxels of 0.3 mm, a line is
+    // fitted to many.
+    assert!(median < 0.22 && most < 0.76 && most_of_line < 0.38 && centre < 0.38 && corner < 0.6, "{figures}");
 
     // Poses of a sequence may have another latency; here they have none.
     place.does("phantom -o second.igs.mha --scene n-wire --frames 60 --image-size 320x240 --calibration second.toml");

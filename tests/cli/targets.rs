@@ -41,7 +41,7 @@ fn report(place: &Place, name: &str) -> Value {
 
 /// Checks a self-contained page with two pictures, a residual for each of at least `marks`
 /// marks, a map and bars.
-fn looks_like_a_page(place: &Place, name: &str, marks: usize) {
+fn looks_like_a_page(place: &Place, name: &str, target: &str, marks: usize) {
     let page = String::from_utf8(place.get(name)).unwrap();
     let body = &page[page.find("<body>").unwrap()..page.find("</html>").unwrap()];
     let document = roxmltree::Document::parse(body).unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -50,6 +50,7 @@ fn looks_like_a_page(place: &Place, name: &str, marks: usize) {
     // An arrow's shaft and its head are one path or two.
     assert!(count("path") >= marks / 2, "{name}: {} paths", count("path"));
     assert!(count("rect") >= 190, "{name}: {} bars and cells", count("rect"));
+    assert!(page.contains(&format!("Calibration of a probe by {target}: ")), "{name}");
     assert!(page.contains("Accepted: 0.") && page.contains("Reproducibility: in 5 calibrations"), "{name}");
     assert!(!page.contains("src=") && !page.contains("http"), "{name} fetches something");
 }
@@ -62,7 +63,7 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
         place.does("calibrate probe --method point --sequence cross-wire.igs.mha -o point.toml --report point.json --report point.html");
     assert!(said.contains("frames of a point at rest used"), "{said}");
     assert!(said.contains("next view: bring the target to the image's "), "{said}");
-    looks_like_a_page(&place, "point.html", 398);
+    looks_like_a_page(&place, "point.html", "a point at rest", 398);
     let [middle, corner] = off(&place, "point.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
     recorded(&place, "point.toml", &["cross-wire.igs.mha"]);
@@ -80,7 +81,8 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     );
     let by_tip =
         "calibrate probe --method stylus --stylus Reference --stylus-tip tip.toml --sequence cross-wire.igs.mha";
-    place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --report stylus.json"));
+    place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --report stylus.json --report stylus.html"));
+    looks_like_a_page(&place, "stylus.html", "a stylus's tip", 398);
     let [middle, corner] = off(&place, "stylus.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
     report(&place, "stylus.json");
@@ -121,7 +123,7 @@ fn tank_floor_gives_a_less_accurate_calibration() {
     let place = Place::new();
     swept(&place, "tank-floor");
     place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --report plane.json --report plane.html");
-    looks_like_a_page(&place, "plane.html", 796);
+    looks_like_a_page(&place, "plane.html", "a plane at rest", 796);
     let [middle, corner] = off(&place, "plane.toml");
     assert!(middle < 0.5 && corner < 0.7, "{middle} {corner}");
     recorded(&place, "plane.toml", &["tank-floor.igs.mha"]);

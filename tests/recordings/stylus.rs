@@ -41,6 +41,7 @@ fn part(path: &Path, from: f64, to: f64) -> Recording {
         reference: None,
         from: Some(from),
         to: Some(to),
+        flags: ["--stylus", "--reference"],
     }
 }
 

@@ -10,35 +10,49 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DQuat};
+use glam::{DAffine3, DQuat, DVec3};
 
 use drivers::simulated::grabber::Pictures;
 use drivers::simulated::{Motion, Placed};
-use sonoweave_core::frames::{Image as ImageFrame, Probe, Tracker, Transform, World};
+use sonoweave_core::frames::{Image as ImageFrame, Probe, Stylus, Tracker, Transform, World};
 
 use super::bmode::BMode;
 use super::scan::{Scan, probe_from_picture, tracker_from_reference};
 use super::trajectory::PictureMm;
+use stylus::StylusMotion;
 
 pub mod arm;
+pub mod stylus;
 
 /// Station of the sensor on the transducer.
 pub const PROBE_STATION: u8 = 1;
 /// Station of the sensor on the patient.
 pub const REFERENCE_STATION: u8 = 2;
+/// Station of the sensor on the stylus.
+pub const STYLUS_STATION: u8 = 3;
 
 /// A scan that continues in time.
 #[derive(Debug, Clone)]
 pub struct Bedside {
     scan: Scan,
     begin_ns: i64,
+    stylus: StylusMotion,
+    /// Points that the stylus touches, world mm.
+    landmarks: Vec<DVec3>,
 }
 
 impl Bedside {
     /// Creates a bedside whose first frame is at `begin_ns`, host ns; before it the probe is
     /// static. The scan gives the frame interval.
     pub fn new(scan: Scan, begin_ns: i64) -> Self {
-        Self { scan, begin_ns }
+        let landmarks = scan.settings().scene.landmarks();
+        Self { scan, begin_ns, stylus: StylusMotion::default(), landmarks }
+    }
+
+    /// Moves the stylus in this way.
+    #[must_use]
+    pub fn with_stylus(self, stylus: StylusMotion) -> Self {
+        Self { stylus, ..self }
     }
 
     /// Returns the scan.
@@ -91,13 +105,20 @@ impl Bedside {
         tracker_from_reference(at_ns)
     }
 
+    /// Returns the pose of the sensor on the stylus at a time.
+    pub fn tracker_from_stylus(&self, at_ns: i64) -> Transform<Tracker, Stylus> {
+        let after_s = at_ns.saturating_sub(self.begin_ns).max(0) as f64 * 1e-9;
+        self.tracker_from_reference(at_ns) * self.stylus.world_from_stylus(after_s, &self.landmarks)
+    }
+
     /// Returns the motion for a virtual tracker: the probe at station [`PROBE_STATION`], the
-    /// patient at any other.
+    /// stylus at [`STYLUS_STATION`], the patient at any other.
     pub fn motion(self: &Arc<Self>) -> Motion {
         let bedside = Arc::clone(self);
         Arc::new(move |station, at_ns| {
             let pose = match station {
                 PROBE_STATION => bedside.tracker_from_probe(at_ns).affine(),
+                STYLUS_STATION => bedside.tracker_from_stylus(at_ns).affine(),
                 _ => bedside.tracker_from_reference(at_ns).affine(),
             };
             let q = DQuat::from_mat3(&pose.matrix3).normalize();

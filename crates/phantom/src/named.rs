@@ -268,7 +268,7 @@ impl TrajectoryName {
         }
     }
 
-    /// Returns the motion for a scene; `About` moves around its landmark.
+    /// Returns the motion for a scene; `About` moves around the middle of its landmarks.
     pub fn motion(self, options: &MotionOptions, scene: &Scene) -> Motion {
         let MotionOptions { axis_distance_mm, radius_mm, dwell } = *options;
         match self {
@@ -281,7 +281,10 @@ impl TrajectoryName {
             Self::Crossing => Motion::Crossing,
             Self::Dwell => Motion::Dwell { frames: dwell },
             Self::OutAndBack => Motion::OutAndBack,
-            Self::About => Motion::About { point: scene.landmark().unwrap_or_default() },
+            Self::About => {
+                let landmarks = scene.landmarks();
+                Motion::About { point: landmarks.iter().sum::<DVec3>() / landmarks.len().max(1) as f64 }
+            }
         }
     }
 }

@@ -82,14 +82,10 @@ impl Scene {
         Self::Sphere(Sphere { centre: DVec3::ZERO, radius: 10.0, inside: 180.0, outside: 60.0, edge_sigma: 0.0 })
     }
 
-    /// Returns a body's first landmark, world mm.
-    pub fn landmark(&self) -> Option<DVec3> {
-        match self {
-            Self::Body(body) => {
-                body.landmarks.first().map(|landmark| body.world_from_body.transform_point3(landmark.point))
-            }
-            _ => None,
-        }
+    /// Returns a body's landmarks, world mm.
+    pub fn landmarks(&self) -> Vec<DVec3> {
+        let Self::Body(body) = self else { return Vec::new() };
+        body.landmarks.iter().map(|landmark| body.world_from_body.transform_point3(landmark.point)).collect()
     }
 
     /// Whether it changes with time.

@@ -1,11 +1,12 @@
 //! A phantom's pose, from touches of its landmarks.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 use glam::DVec3;
 
 use calibration::error::CalibrationError;
-use calibration::landmarks::{Reading, Registered, Settings, register};
+use calibration::landmarks::{Reading, Registered, Settings, check, register};
 use calibration::phantom::Landmark;
 use config::phantom::PhantomSettings;
 
@@ -18,6 +19,8 @@ use crate::failure::Failure;
 /// A phantom, and the stylus that touches its landmarks.
 pub(crate) struct Touches<'a> {
     pub(crate) phantom: &'a PhantomSettings,
+    /// The phantom's file.
+    pub(crate) file: &'a Path,
     /// The tip in the frame of the stylus's sensor.
     pub(crate) tip_mm: DVec3,
     /// Its error, mm.
@@ -42,7 +45,8 @@ impl Touches<'_> {
     /// [`Failure`] when the recording does not determine the pose.
     pub(crate) fn find<'a>(&self, recording: &'a Recording, advisor: &mut dyn Advisor) -> Result<Found<'a>, Failure> {
         let landmarks = self.phantom.geometry.landmarks();
-        let recording = gathered(recording, advisor, |tracks| {
+        check(landmarks).map_err(|e| Failure(format!("{}: {e}", self.file.display())))?;
+        let recording = gathered(recording, None, advisor, |tracks| {
             Ok(advice(&self.registered(&poses(recording, tracks, recording.path())?)?, landmarks))
         })?;
         let read = recording.read()?;

@@ -22,6 +22,7 @@ use crate::failure::Failure;
 use options::Method;
 pub(crate) use options::Options;
 pub(crate) use source::Source;
+use source::probe_from_image;
 
 /// Largest number of slices held at once. Pairs of more take longer than they are worth.
 const MOST_SLICES: u64 = 1000;
@@ -48,13 +49,17 @@ impl Options {
     /// # Errors
     /// [`Failure`] when the recording does not determine the lag.
     pub(crate) fn find(&self, advisor: &mut dyn Advisor) -> Result<Searched, Failure> {
+        let config = self.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
+        let needed = |configured: &Settings| match self.method {
+            Some(Method::Crossings) => probe_from_image(config.as_ref().unwrap_or(configured)).map(|_| ()),
+            _ => Ok(()),
+        };
         let made = self
             .gathering
             .of(self.live.as_ref())?
-            .map(|path| guide::gathered(path, &self.gathering, advisor))
+            .map(|path| guide::gathered(path, &self.gathering, advisor, needed))
             .transpose()?;
         let source = self.source(made.as_deref())?;
-        let config = self.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
         let nothing = Settings::default();
         let calibration = config.as_ref().or(source.calibration()).unwrap_or(&nothing);
         let mut notes = Vec::new();

@@ -36,7 +36,7 @@ impl Swings {
     /// [`Failure`] when the recording does not determine the tip.
     pub(crate) fn find<'a>(&self, recording: &'a Recording, advisor: &mut dyn Advisor) -> Result<Found<'a>, Failure> {
         let recording =
-            gathered(recording, advisor, |tracks| self.advice(&poses(recording, tracks, recording.path())?))?;
+            gathered(recording, None, advisor, |tracks| self.advice(&poses(recording, tracks, recording.path())?))?;
         let read = recording.read()?;
         let within =
             |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));

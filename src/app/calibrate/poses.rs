@@ -8,7 +8,7 @@ mod session;
 pub use options::{Recording, Source};
 pub(super) use samples::Taken;
 pub use samples::{Counts, Poses};
-pub(super) use session::poses;
+pub(super) use session::{check, poses};
 
 use crate::failure::Failure;
 

@@ -24,11 +24,14 @@ use super::recorded::Recorded;
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
 pub(crate) use lag::Lag;
-pub(crate) use options::{Made, Method, Options};
+pub(crate) use options::{Made, Method, MethodFile, Options};
 use recording::{Observed, observe};
 pub(crate) use recording::{StoredImage, pictures};
 pub(crate) use reproducibility::Reproducibility;
 use reproducibility::reproducibility;
+
+/// Largest distance of a phantom from its reference sensor, mm.
+const MOST_MM: f64 = 10_000.0;
 
 /// A calibration by an N-wire phantom, and what it is based on.
 pub(crate) struct Found {
@@ -71,6 +74,7 @@ impl Options {
         let clip = clip.or(settings.clip);
         let began = Instant::now();
         let observe = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip, steps);
+        let second = self.second(advisor)?;
         let made = self.gathering.of(self.live.as_ref())?;
         let made = made
             .map(|path| guide::gathered(path, self, advisor, &layout, &held, &settings.frames, clip))
@@ -78,7 +82,7 @@ impl Options {
         let recorded = self.recorded(made.as_deref())?;
         let path = recorded.path();
         let seen = observe(&recorded)?;
-        let second = self.second(&recorded, advisor)?.map(|second| observe(&second)).transpose()?;
+        let second = second.map(|second| observe(&second)).transpose()?;
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
             return Err(within(path, "its frames differ in size from the second recording's".into()));
         }
@@ -131,5 +135,12 @@ fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Fa
     let affine = found.ok_or_else(|| {
         within(format!("holds no {}To{}; measure it with `calibrate landmarks`", frames.phantom, frames.reference))
     })?;
+    let far_mm = affine.translation.length();
+    if far_mm > MOST_MM {
+        return Err(within(format!(
+            "{}To{} is {far_mm:.0e} mm, more than {MOST_MM:.0}; check that its numbers are in mm",
+            frames.phantom, frames.reference
+        )));
+    }
     Registration::new(Transform::from_affine(affine), None).map_err(|error| within(error.to_string()))
 }

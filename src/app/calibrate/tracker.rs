@@ -43,6 +43,7 @@ impl Options {
             gathering: self.gathering.clone(),
             stylus: self.sensor.clone(),
             reference: Some(reference.to_owned()),
+            flags: ["--sensor", if self.other.is_some() { "--other" } else { "--tracker" }],
             from: self.from,
             to: self.to,
         }
@@ -54,11 +55,12 @@ impl Options {
     /// [`Failure`] when the recording does not determine the result.
     pub(crate) fn find(&self, advisor: &mut dyn Advisor) -> Result<Found, Failure> {
         let recording = self.recording(&self.tracker);
-        let made = gathered(&recording, advisor, |tracks| match &self.other {
+        let second = self.other.as_deref().map(|other| self.recording(other));
+        let made = gathered(&recording, second.as_ref(), advisor, |tracks| match &second {
             None => Ok(stillness(&poses(&recording, tracks, recording.path())?)),
-            Some(other) => {
+            Some(second) => {
                 let one = poses(&recording, tracks, recording.path())?;
-                let between = poses(&self.recording(other), tracks, recording.path())?;
+                let between = poses(second, tracks, recording.path())?;
                 Ok(self.coverage(&self.mapped(&pairs(&one, &between))?))
             }
         })?;

@@ -116,7 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
     let landmarks = settings.geometry.landmarks();
-    let touches = Touches { phantom: &settings, tip_mm, tip_error_mm: *tip_error, limit_mm: *limit };
+    let touches = Touches { phantom: &settings, file: phantom, tip_mm, tip_error_mm: *tip_error, limit_mm: *limit };
     let found = touches.find(recording, &mut AdviceDisplay::default())?;
     let Found { recording, read, registered, predicted } = found;
 

@@ -4,18 +4,21 @@
 mod page;
 mod page_parts;
 mod report;
+mod shared;
 mod target;
+
+use std::path::Path;
 
 use clap::{ArgGroup, Args};
 
 use super::super::Failure;
 use super::advice::AdviceDisplay;
-use crate::app::calibrate::outputs::{Input, Outputs};
+use crate::app::calibrate::outputs::Outputs;
 use crate::app::calibrate::probe::quality::quality;
-use crate::app::calibrate::probe::{Found, Lag, Made, Method, Options, pictures};
-use crate::cli::print::print;
+use crate::app::calibrate::probe::{Found, Lag, Made, MethodFile, Options, pictures};
 use crate::cli::progress::steps;
 use report::{Report, text};
+use shared::{Inputs, write};
 
 /// Flags of `calibrate probe`.
 #[derive(Debug, Args)]
@@ -58,55 +61,36 @@ pub struct Arguments {
 /// [`Failure`] when the recording does not determine the image plane; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
-    let Options { phantom, registration, validate, method, limit, target, .. } = options;
-    if *method != Method::Nwire {
-        return target::run(options, outputs);
+    let file = options.checked()?;
+    // The files of the tip and of the registration may be the output file, whose other contents
+    // are kept.
+    let inputs = [Some(options.path()), options.phantom.as_deref(), options.validate.as_deref()];
+    outputs.check(&inputs.into_iter().flatten().collect::<Vec<_>>(), true)?;
+    match file {
+        MethodFile::Phantom(phantom) => by_wires(options, outputs, phantom),
+        MethodFile::Target(tip) => target::run(options, outputs, tip),
     }
-    if let Some(flag) = target.given() {
-        fail!("{flag}: has no effect with --method nwire; leave it out, or choose another --method");
-    }
-    let Some(phantom) = phantom else {
-        return Err(Failure(
-            "--method nwire needs the phantom's wires: give --phantom, or choose another --method".into(),
-        ));
-    };
-    let path = options.path();
-    // The registration's file may be the output file: its other contents are kept.
-    let mut inputs = vec![path, phantom];
-    inputs.extend(validate.as_deref());
-    outputs.check(&inputs, true)?;
+}
+
+fn by_wires(options: &Options, outputs: &Outputs, phantom: &Path) -> Result<(), Failure> {
     let done = options.by_wires(phantom, &mut AdviceDisplay::default(), &steps)?;
-    let Found { layout, held, recorded, found, times_s: [searched_s, solved_s], .. } = &done;
-    let path = recorded.path();
-    let input = Input::of(path)?;
-    let provenance =
-        format!("N-wire phantom, {} frames of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
-    let reproducibility = outputs.wants_report().then(|| done.reproducibility());
-    let validation = validate.as_deref().map(Input::of).transpose()?;
-    let phantom_input = Input::of(phantom)?;
-    let registration = registration.as_deref().map(Input::of).transpose()?;
-    let origin = outputs
-        .origin([Some(&input), Some(&phantom_input), registration.as_ref(), validation.as_ref()].into_iter().flatten());
+    let Found { layout, recorded, found, .. } = &done;
+    let refined = &found.refined;
+    let reproducibility = outputs.wants_report().then(|| done.reproducibility()).flatten();
     let next = done.next_view();
-    let lag = Lag::of(outputs, recorded, [found.refined.lag_s, found.refined.lag_sd_s])?;
-    let latency = lag.as_ref().and_then(Lag::latency);
-    let result = options.result(Made {
-        probe_from_image: found.refined.probe_from_image(),
-        provenance,
+    let inputs = Inputs::of(options, recorded.path())?;
+    let mut report = Report::new(options, inputs, &done, reproducibility, next.as_ref());
+    report.latency = Lag::of(outputs, recorded, [refined.lag_s, refined.lag_sd_s])?;
+    let made = Made {
+        probe_from_image: refined.probe_from_image(),
+        provenance: report.shared.provenance(&report.inputs),
         size_px: found.size_px,
         quality: quality(found),
-        covariance: found.refined.covariance(),
-        origin,
-        latency,
-    })?;
-    let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    let report = Report::new(found, layout, input, phantom_input, validation, held)
-        .with_times(*searched_s, *solved_s)
-        .with_reproducibility(reproducibility.flatten())
-        .with_next(next.as_ref())
-        .with_lag(lag);
-    let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?, *limit));
-    outputs.write_probe(result, &report, page)?;
+        covariance: refined.covariance(),
+        origin: report.inputs.origin(outputs),
+        latency: None,
+    };
+    let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?));
     let next = next.as_ref().map_or(String::new(), report::next_line);
-    print(&(text(found, layout) + &next + &of_lag + &outputs.summary()))
+    write(options, outputs, made, report.latency.as_ref(), &report, page, text(found, layout) + &next)
 }

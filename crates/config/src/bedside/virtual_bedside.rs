@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use drivers::simulated::Faults;
 use phantom::bedside::arm::{BedsideArm, standard_arm};
+use phantom::bedside::stylus::StylusMotion;
 use phantom::named::{MotionOptions, ProbeName, SceneOptions, TrajectoryName};
 use phantom::scan::Depth;
 use phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
@@ -20,12 +21,16 @@ use crate::Error;
 const IMAGE_SIZE: [u32; 2] = [640, 480];
 /// Its default rate, frames a second.
 const RATE_HZ: f64 = 30.0;
+/// Least number of landmarks that give a phantom's pose.
+const LEAST_LANDMARKS: usize = 3;
 
 /// A virtual bedside.
 #[derive(Clone)]
 pub struct VirtualBedside {
     /// The scanned scene, and the motion of the hand.
     pub scan: Arc<Scan>,
+    /// The motion of the stylus, if there is one.
+    pub stylus: StylusMotion,
     /// Frames a second of the grabber.
     pub rate_hz: f64,
     /// Renders its images before the session begins, one for each frame of the scan.
@@ -39,9 +44,9 @@ pub struct VirtualBedside {
 impl fmt::Debug for VirtualBedside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // A scan's scene and beams have a hundred thousand numbers, so they are left out.
-        let Self { scan: _, rate_hz, painted, line, grabber } = self;
+        let Self { scan: _, stylus, rate_hz, painted, line, grabber } = self;
         let mut text = f.debug_struct("VirtualBedside");
-        text.field("rate_hz", rate_hz).field("painted", painted);
+        text.field("stylus", stylus).field("rate_hz", rate_hz).field("painted", painted);
         text.field("line", line).field("grabber", grabber).finish_non_exhaustive()
     }
 }
@@ -76,6 +81,11 @@ impl VirtualBedside {
         }
         let probe = given.probe.or(usual_probe.map(Name));
         keys.note("probe", &probe);
+        let has_stylus = matches!(tracking, Tracking::Tracker(tracker) if tracker.roles.stylus.is_some());
+        if given.stylus.is_some() && !has_stylus {
+            return Err(keys.error("stylus", "there is no stylus; give its station ([tracker] stylus_station), too"));
+        }
+        let stylus = given.stylus.map_or(StylusMotion::default(), |name| name.0);
         let tracker_noise =
             TrackerNoise { position_mm: given.tracker_noise_mm, rotation_degrees: given.tracker_noise_deg };
         let probe = probe.map(|name| name.0);
@@ -86,6 +96,11 @@ impl VirtualBedside {
         let scanner = shown.scanned().map(|scanned| scanned.scanner);
         let gap_mm = given.gap_mm.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
         let noise_sd = given.noise_sd.unwrap_or_else(|| shown.usual_noise_sd());
+        let touched = shown.scanned().map_or(0, |scanned| scanned.body.landmarks.len());
+        if stylus == StylusMotion::Landmarks && touched < LEAST_LANDMARKS {
+            let problem = format!("the scene has {touched} landmarks, but {LEAST_LANDMARKS} are needed; give n-wire");
+            return Err(keys.error("scene", problem));
+        }
         let unfit = |e: PhantomError| keys.unfit(Error::setting("", e.to_string()), |setting| setting);
         let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
         let scan = Scan::new(ScanSettings {
@@ -104,7 +119,8 @@ impl VirtualBedside {
             first_ns: 0,
             interval_ns: (1e9 / rate_hz).round() as i64,
         });
-        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, painted: given.painted, seed: seed.into() };
+        let hand =
+            ScannedHand { scan: scan.map_err(unfit)?, stylus, rate_hz, painted: given.painted, seed: seed.into() };
         Ok((hand, keys.into_table()))
     }
 }
@@ -112,6 +128,7 @@ impl VirtualBedside {
 /// A virtual bedside without faults.
 pub(super) struct ScannedHand {
     scan: Scan,
+    stylus: StylusMotion,
     rate_hz: f64,
     painted: bool,
     seed: u64,
@@ -119,10 +136,10 @@ pub(super) struct ScannedHand {
 
 impl ScannedHand {
     pub(super) fn with_faults(self, line: Faults, grabber: Faults) -> VirtualBedside {
-        let Self { scan, rate_hz, painted, seed } = self;
+        let Self { scan, stylus, rate_hz, painted, seed } = self;
         // The two devices have different random faults.
         let (line, grabber) = (Faults { seed, ..line }, Faults { seed: seed.wrapping_add(1), ..grabber });
-        VirtualBedside { scan: Arc::new(scan), rate_hz, painted, line, grabber }
+        VirtualBedside { scan: Arc::new(scan), stylus, rate_hz, painted, line, grabber }
     }
 }
 

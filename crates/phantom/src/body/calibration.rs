@@ -31,7 +31,8 @@ impl Default for NWires {
 
 /// Returns the N-wire phantom. Wire `1a` is the first layer's side wire at −x, `1b` its oblique
 /// one, `1c` the other side's. Oblique wires of odd layers lead from −x at −z to +x at +z,
-/// those of even layers the other way.
+/// those of even layers the other way. The landmarks `#1` to `#5` are holes on the outside of
+/// its box, for a stylus.
 pub fn n_wires(shape: &NWires) -> Body {
     let (x, z) = (0.5 * shape.width_mm, 0.5 * shape.length_mm);
     let wires = (0..shape.layers).flat_map(|layer| {
@@ -42,7 +43,12 @@ pub fn n_wires(shape: &NWires) -> Body {
             ..Wire::nylon(format!("{}{name}", layer + 1), [near, y, -z], [far, y, z])
         })
     });
-    Body { name: "n-wire", wires: wires.collect(), ..water() }
+    // No two distances are equal, so that any order of touches is recognised.
+    let (far, out) = (x + 5.0, z + 4.0);
+    let holes = [[-far, -out, -4.0], [far, -out, 0.0], [far - 7.0, -out, 26.0], [-far, out, 2.0], [far, out, 21.0]];
+    let holes = ["#1", "#2", "#3", "#4", "#5"].into_iter().zip(holes);
+    let landmark = |(name, [x, z, y]): (_, [f64; 3])| Landmark { name, point: DVec3::new(x, shape.depth_mm + y, z) };
+    Body { name: "n-wire", wires: wires.collect(), landmarks: holes.map(landmark).collect(), ..water() }
 }
 
 /// Returns two wires that cross at one point, `depth_mm` below the face: the landmark

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use sync::ingest::live::Live;
 
-use super::super::poses::Recording;
+use super::super::poses::{Recording, check};
 use super::super::recorded::{GRABBER, Tracks, without_latency};
 use super::{Advice, Advisor, Gathered, Guide, lead};
 use crate::failure::Failure;
@@ -28,12 +28,14 @@ impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
     }
 }
 
-/// Returns the recording. If it is still to be made, records it now, guided by `advise`.
+/// Returns the recording. If it is still to be made, records it now, guided by `advise`. A second
+/// sensor of the same recording is checked, too.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be made.
+/// [`Failure`] when the recording cannot be made; before it begins, if a sensor is not configured.
 pub(crate) fn gathered<'r>(
     recording: &'r Recording,
+    second: Option<&Recording>,
     advisor: &mut dyn Advisor,
     advise: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'r, Recording>, Failure> {
@@ -43,7 +45,9 @@ pub(crate) fn gathered<'r>(
     let Gathered { session, from_s } = lead(path, &recording.gathering, advisor, |bedside| {
         let mut roles = without_latency(bedside)?;
         roles.truncate(GRABBER);
-        Ok((PoseGuide { tracks: Tracks::of_roles(&roles, bedside), advise }, roles))
+        let tracks = Tracks::of_roles(&roles, bedside);
+        std::iter::once(recording).chain(second).try_for_each(|one| check(one, &tracks, path))?;
+        Ok((PoseGuide { tracks, advise }, roles))
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

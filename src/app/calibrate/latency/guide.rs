@@ -6,6 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use calibration::latency::motion::{Motion, PoseSample};
+use config::Settings;
+use config::bedside::Bedside;
 use config::bedside::devices::PROBE_FRAME;
 use sync::ingest::live::Live;
 
@@ -18,12 +20,19 @@ const FAR_MM: f64 = 20.0;
 const TURNS: f64 = 8.0;
 const LONG_S: f64 = 12.0;
 
-/// Records the configured devices until the motion determines a lag.
+/// Records the configured devices until the motion determines a lag. `check` gets the configured
+/// calibration before.
 ///
 /// # Errors
-/// [`Failure`] when they cannot be recorded.
-pub(super) fn gathered(bedside: &Path, gathering: &Gathering, advisor: &mut dyn Advisor) -> Result<PathBuf, Failure> {
-    let begin = |bedside: &_| {
+/// [`Failure`] when they cannot be recorded, and that of `check`.
+pub(super) fn gathered(
+    bedside: &Path,
+    gathering: &Gathering,
+    advisor: &mut dyn Advisor,
+    check: impl FnOnce(&Settings) -> Result<(), Failure>,
+) -> Result<PathBuf, Failure> {
+    let begin = |bedside: &Bedside| {
+        check(&bedside.calibration)?;
         let roles = without_latency(bedside)?;
         Ok((UpAndDown { tracks: Tracks::of_roles(&roles, bedside) }, roles))
     };

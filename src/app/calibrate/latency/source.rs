@@ -128,17 +128,6 @@ impl Source {
     /// [`Failure`] when the recording cannot be read, has no such poses, or nothing relates the
     /// image to the probe.
     pub(super) fn placed(&self, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
-        let of_image = || {
-            let image = calibration.image_frame.as_deref().unwrap_or("Image");
-            let found = calibration.transforms.iter().find(|t| t.from == image && t.to == PROBE_FRAME);
-            found.map(|transform| transform.affine).ok_or_else(|| {
-                Failure(
-                    "--method crossings needs the image's position relative to the probe: give --config with \
-                    ImageToProbe"
-                        .into(),
-                )
-            })
-        };
         match (&self.video, &self.tracker) {
             (Recorded::Sequence(video), None) => along(video, calibration),
             (Recorded::Sequence(_), Some(tracker)) => {
@@ -155,14 +144,29 @@ impl Source {
                         into.push(sample(time_s, &pose));
                     }
                 })?;
-                Ok((against(&probe, &reference)?, of_image()?))
+                Ok((against(&probe, &reference)?, probe_from_image(calibration)?))
             }
             (Recorded::Session { path, bedside }, _) => {
                 let [probe, reference] = measured(&Tracks::read(path, bedside)?);
-                Ok((against(&probe, &reference)?, of_image()?))
+                Ok((against(&probe, &reference)?, probe_from_image(calibration)?))
             }
         }
     }
+}
+
+/// Returns the transform from image to probe.
+///
+/// # Errors
+/// [`Failure`] when the calibration has none.
+pub(super) fn probe_from_image(calibration: &Settings) -> Result<DAffine3, Failure> {
+    let image = calibration.image_frame.as_deref().unwrap_or("Image");
+    let found = calibration.transforms.iter().find(|t| t.from == image && t.to == PROBE_FRAME);
+    found.map(|transform| transform.affine).ok_or_else(|| {
+        Failure(
+            "--method crossings needs the image's position relative to the probe: give --config with ImageToProbe"
+                .into(),
+        )
+    })
 }
 
 /// Returns the session's poses of the probe and of the reference, without the invalid ones.

@@ -49,6 +49,9 @@ pub struct Recording {
     /// Leave out everything recorded after: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     pub to: Option<f64>,
+    /// Flags of `stylus` and `reference`, for messages
+    #[arg(skip = ["--stylus", "--reference"])]
+    pub flags: [&'static str; 2],
 }
 
 impl Recording {

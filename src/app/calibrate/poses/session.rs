@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
+use config::bedside::devices::{REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
 use pipeline::session::RecordedDecisions;
 use sonoweave_core::frames::{Reference, Stylus, Transform};
 use sonoweave_core::refusal::{Reason, Refusal};
+use sync::history::{PoseHistory, PoseSample};
 
 use super::super::recorded::Tracks;
 use super::options::Recording;
@@ -19,17 +20,27 @@ pub(super) fn read(recording: &Recording, path: &Path) -> Result<Poses, Failure>
     poses(recording, &Tracks::read(path, &bedside)?, path)
 }
 
-/// Returns the stylus's poses at their measurement times; the reference is interpolated between
-/// its samples. `path` is for messages.
-///
-/// # Errors
-/// [`Failure`] when a frame is not tracked, or has no usable pose.
-pub(crate) fn poses(recording: &Recording, tracks: &Tracks, path: &Path) -> Result<Poses, Failure> {
-    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+/// The sensors of a recording.
+struct Tracked<'a> {
+    stylus: &'a [PoseSample],
+    /// The frame of the poses, and its own history unless it is the tracker's.
+    frame: &'a str,
+    reference: Option<PoseHistory>,
+}
+
+/// Returns the samples of the stylus and of its reference. `path` is for messages.
+fn tracked<'a>(recording: &'a Recording, tracks: &'a Tracks, path: &Path) -> Result<Tracked<'a>, Failure> {
     let unknown = |name: &str, flag: &str| {
-        within(format!("holds no frame {name}, only {}; name the frame with {flag}", tracks.names()))
+        let station = match (&recording.source.live, name) {
+            (Some(_), STYLUS_FRAME) => "give [tracker] stylus_station, or ",
+            (Some(_), REFERENCE_FRAME) => "give [tracker] reference_station, or ",
+            _ => "",
+        };
+        let (path, names) = (path.display(), tracks.names());
+        Failure(format!("{path}: holds no frame {name}, only {names}; {station}name the frame with {flag}"))
     };
-    let stylus = tracks.of(&recording.stylus).ok_or_else(|| unknown(&recording.stylus, "--stylus"))?;
+    let [of_stylus, of_reference] = recording.flags;
+    let stylus = tracks.of(&recording.stylus).ok_or_else(|| unknown(&recording.stylus, of_stylus))?;
     let frame = match &recording.reference {
         Some(name) => name.as_str(),
         None if tracks.of(REFERENCE_FRAME).is_some() => REFERENCE_FRAME,
@@ -37,8 +48,27 @@ pub(crate) fn poses(recording: &Recording, tracks: &Tracks, path: &Path) -> Resu
     };
     let reference = match frame {
         TRACKER_FRAME => None,
-        name => Some(tracks.history(name).ok_or_else(|| unknown(name, "--reference"))?),
+        name => Some(tracks.history(name).ok_or_else(|| unknown(name, of_reference))?),
     };
+    Ok(Tracked { stylus, frame, reference })
+}
+
+/// Checks before a recording that its devices and flags can give the stylus's poses.
+///
+/// # Errors
+/// [`Failure`] when a frame is not tracked, or `--from` is not before `--to`.
+pub(crate) fn check(recording: &Recording, tracks: &Tracks, path: &Path) -> Result<(), Failure> {
+    recording.taken()?;
+    tracked(recording, tracks, path).map(|_| ())
+}
+
+/// Returns the stylus's poses at their measurement times; the reference is interpolated between
+/// its samples. `path` is for messages.
+///
+/// # Errors
+/// [`Failure`] when a frame is not tracked, or has no usable pose.
+pub(crate) fn poses(recording: &Recording, tracks: &Tracks, path: &Path) -> Result<Poses, Failure> {
+    let Tracked { stylus, frame, reference } = tracked(recording, tracks, path)?;
     let first_ns = tracks.first_ns();
     let mut taken = recording.taken()?;
     for refusal in tracks.refused() {

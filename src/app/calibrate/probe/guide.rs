@@ -46,6 +46,7 @@ pub(super) fn gathered(
             goal_mm: options.goal,
             limit_mm: options.limit,
         };
+        scanned.scan.check(path, &frames.probe, &frames.reference)?;
         Ok((scanned, roles))
     })?;
     Ok(gathered.session)

@@ -19,6 +19,13 @@ use super::super::outputs::ProbeResult;
 use super::super::recorded::Recorded;
 use crate::failure::Failure;
 
+/// Longest name of a preset, characters: one line of a list.
+const LONGEST_NAME: usize = 80;
+/// Longest ruler, pixels or mm: larger numbers are mistakes.
+const LONGEST_RULER: f64 = 1e5;
+/// Relative difference of a ruler's scale from the image's pixel size that reading errors explain.
+const RULER_MISREAD: f64 = 0.1;
+
 /// Method of the probe's calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Method {
@@ -99,7 +106,7 @@ pub(crate) struct Options {
     pub(crate) limit: f64,
     /// Put the result into the calibration file as a preset of that name, for the scanner's
     /// present depth, beside others [default: as the file's only one]
-    #[arg(long, value_name = "NAME", requires = "output")]
+    #[arg(long, value_name = "NAME", requires = "output", value_parser = preset_name)]
     pub(crate) preset: Option<String>,
     /// Length along the ruler beside the image, in pixels and in mm: the preset is refused later
     /// if the scanner is set to another depth
@@ -107,9 +114,17 @@ pub(crate) struct Options {
     pub(crate) ruler: Option<Ruler>,
 }
 
+fn preset_name(text: &str) -> Result<String, String> {
+    let fits = !text.trim().is_empty() && text.chars().count() <= LONGEST_NAME && !text.contains(char::is_control);
+    let problem = || format!("must be a name of 1 to {LONGEST_NAME} characters in one line, such as \"40 mm\"");
+    fits.then(|| text.to_owned()).ok_or_else(problem)
+}
+
 fn ruler(text: &str) -> Result<Ruler, String> {
-    let numbers = text.split_once(',').and_then(|(px, mm)| Some((px.trim().parse().ok()?, mm.trim().parse().ok()?)));
-    numbers.and_then(|(px, mm)| Ruler::new(px, mm)).ok_or_else(|| "must be two lengths above 0: pixels,mm".into())
+    let numbers = text.split_once(',');
+    let numbers = numbers.and_then(|(px, mm)| Some((px.trim().parse::<f64>().ok()?, mm.trim().parse::<f64>().ok()?)));
+    let ruler = numbers.filter(|(px, mm)| px.max(*mm) <= LONGEST_RULER).and_then(|(px, mm)| Ruler::new(px, mm));
+    ruler.ok_or_else(|| format!("must be two lengths above 0, at most {LONGEST_RULER}: pixels,mm"))
 }
 
 /// A calibration, as the file keeps it.
@@ -124,14 +139,63 @@ pub(crate) struct Made {
 }
 
 impl Options {
+    /// Checks the flags before the work. Returns the file that the method needs.
+    ///
+    /// # Errors
+    /// [`Failure`] with a flag that is missing, or that has no effect.
+    pub(crate) fn checked(&self) -> Result<MethodFile<'_>, Failure> {
+        let Self { method, phantom, registration, target: TargetOptions { stylus_tip, reference, .. }, .. } = self;
+        let found = "which finds the target's position itself";
+        let useless = match method {
+            Method::Nwire => [("--stylus-tip", stylus_tip.is_some(), ""), ("--reference", reference.is_some(), "")],
+            _ => [("--phantom", phantom.is_some(), found), ("--registration", registration.is_some(), found)],
+        };
+        let others = match method {
+            Method::Stylus => ("--reference", reference.is_some(), "whose poses are in the frame that --stylus names"),
+            Method::Point | Method::Plane => ("--stylus-tip", stylus_tip.is_some(), ""),
+            Method::Nwire => ("", false, ""),
+        };
+        if let Some((flag, _, why)) = useless.into_iter().chain([others]).find(|(_, is_given, _)| *is_given) {
+            let why = if why.is_empty() { String::new() } else { format!(", {why}") };
+            fail!(
+                "{flag}: has no effect with --method {}{why}; leave it out, or choose another --method",
+                method.name()
+            );
+        }
+        match (method, phantom, stylus_tip) {
+            (Method::Nwire, Some(phantom), _) => Ok(MethodFile::Phantom(phantom)),
+            (Method::Nwire, None, _) => Err(Failure(
+                "--method nwire needs the phantom's wires: give --phantom, or choose another --method".into(),
+            )),
+            (Method::Stylus, _, None) => Err(Failure(
+                "--method stylus needs the position of the stylus's tip; give its file with --stylus-tip, or find it \
+                with `calibrate pivot`"
+                    .into(),
+            )),
+            (_, _, tip) => Ok(MethodFile::Target(tip.as_deref())),
+        }
+    }
+
     /// Returns the calibration for the file, also as a preset if one was requested.
     ///
     /// # Errors
-    /// [`Failure`] for a calibration that is too uncertain.
+    /// [`Failure`] for a calibration that is too uncertain, or that contradicts the ruler.
     pub(crate) fn result(&self, made: Made) -> Result<ProbeResult, Failure> {
         let Made { probe_from_image, provenance, size_px, quality, covariance, origin, latency } = made;
         let covariance = covariance
             .map_err(|problem| Failure(format!("{}: the result is too uncertain: {problem}", self.path().display())))?;
+        if let Some(ruler) = &self.ruler {
+            let m = probe_from_image.affine().matrix3;
+            let pixels_mm = [m.x_axis, m.y_axis].map(|side| side.length());
+            if pixels_mm.iter().all(|mm| (ruler.pixel_mm() / mm - 1.0).abs() > RULER_MISREAD) {
+                let ([u, v], Ruler { px, mm }) = (pixels_mm, ruler);
+                fail!(
+                    "--ruler {px},{mm}: gives {:.4} mm a pixel, but the recording's pixels have {u:.4} × {v:.4} mm; read \
+                    both lengths between the same two marks again",
+                    ruler.pixel_mm()
+                );
+            }
+        }
         let record = Record { origin, picture_px: Some(size_px), quality: Some(quality), covariance: Some(covariance) };
         let preset = self.preset.as_ref().map(|name| Preset {
             name: name.clone(),
@@ -151,10 +215,11 @@ impl Options {
         some.map_or(Path::new(""), PathBuf::as_path)
     }
 
-    /// Returns the second recording.
-    pub(crate) fn second(&self, first: &Recorded, advisor: &dyn Advisor) -> Result<Option<Recorded>, Failure> {
+    /// Opens the second recording.
+    pub(crate) fn second(&self, advisor: &dyn Advisor) -> Result<Option<Recorded>, Failure> {
         let second = self.validate.as_ref().map(|path| Recorded::of(path)).transpose()?;
-        if second.as_ref().is_some_and(|second| second.bedside().is_some() != first.bedside().is_some()) {
+        let is_session = self.sequence.is_none();
+        if second.as_ref().is_some_and(|second| second.bedside().is_some() != is_session) {
             advisor.say(
                 "note: one recording is a sequence and the other a session; if their lags differ, the second one's \
                 errors are too large",
@@ -171,13 +236,22 @@ impl Options {
     }
 }
 
+/// The file that a method needs besides the recording.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum MethodFile<'a> {
+    /// A phantom with its wires.
+    Phantom(&'a Path),
+    /// None, or the stylus's tip.
+    Target(Option<&'a Path>),
+}
+
 /// Flags of the methods that need no phantom file.
 #[derive(Debug, Args)]
 pub(crate) struct TargetOptions {
     /// Stylus tip, for --method stylus: a calibration file (TOML) or a PLUS XML with
     /// StylusTipToStylus
     #[arg(long, value_name = "FILE")]
-    pub(super) stylus_tip: Option<PathBuf>,
+    pub(crate) stylus_tip: Option<PathBuf>,
     /// Name of the frame of the stylus's sensor
     #[arg(long, value_name = "NAME", default_value = "Stylus")]
     pub(super) stylus: String,
@@ -188,15 +262,4 @@ pub(crate) struct TargetOptions {
     /// recording has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     pub(super) reference: Option<String>,
-}
-
-impl TargetOptions {
-    /// Returns a given flag that the phantom's method has no use for, if any.
-    pub(crate) fn given(&self) -> Option<&'static str> {
-        match () {
-            () if self.stylus_tip.is_some() => Some("--stylus-tip"),
-            () if self.reference.is_some() => Some("--reference"),
-            () => None,
-        }
-    }
 }

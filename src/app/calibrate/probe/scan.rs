@@ -1,5 +1,7 @@
 //! Images and poses of a scan that is being recorded.
 
+use std::path::Path;
+
 use calibration::probe::Observation;
 use calibration::probe::track::Track;
 use config::bedside::Bedside;
@@ -23,6 +25,16 @@ pub(super) struct Scan<S> {
 impl<S: Clone> Scan<S> {
     pub(super) fn new(devices: &[DeviceRole], bedside: &Bedside) -> Self {
         Self { tracks: Tracks::of_roles(devices, bedside), observations: Vec::new(), trouble: None }
+    }
+
+    /// Checks before the recording that the configured devices give the poses of a sensor relative
+    /// to the reference.
+    ///
+    /// # Errors
+    /// [`Failure`] with the frame that they lack.
+    pub(super) fn check(&self, configuration: &Path, sensor: &str, reference: &str) -> Result<(), Failure> {
+        let problem = |why| format!("{}: {why}; give its station under [tracker]", configuration.display());
+        self.tracks.track(sensor, reference).map(|_| ()).map_err(|why| Failure(problem(why)))
     }
 
     /// Adds a sample of a device; `detect` searches an image.

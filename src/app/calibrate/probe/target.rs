@@ -15,7 +15,7 @@ use calibration::probe::{Observation, Recording};
 use super::super::guide::Advisor;
 use super::super::recorded::Recorded;
 use super::super::tip::tip;
-use super::options::{Method, Options, TargetOptions};
+use super::options::{Method, Options};
 use super::recording::Observed;
 use super::reproducibility::{Reproducibility, reproducibility};
 use crate::app::reporter::Steps;
@@ -56,6 +56,7 @@ impl Options {
         let began = Instant::now();
         let names = Names { probe: "Probe", reference };
         let is_plane = target == Target::Plane;
+        let second = self.second(advisor)?;
         let made = self
             .gathering
             .of(self.live.as_ref())?
@@ -65,10 +66,7 @@ impl Options {
         let path = recorded.path();
         let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
         let (seen, reference) = observe(&recorded, names, *clip, is_plane, steps)?;
-        let second = self
-            .second(&recorded, advisor)?
-            .map(|second| observe(&second, names, *clip, is_plane, steps))
-            .transpose()?;
+        let second = second.map(|second| observe(&second, names, *clip, is_plane, steps)).transpose()?;
         let second = second.map(|(second, _)| second);
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
             return Err(within("its frames differ in size from the second recording's".into()));
@@ -89,31 +87,6 @@ impl Options {
         }
         let times_s = [searched_s, began.elapsed().as_secs_f64() - searched_s];
         Ok(Found { target, recorded, seen, found, reference, times_s })
-    }
-
-    /// Checks the flags before the work. Returns the file of the stylus's tip, if the method
-    /// needs it.
-    pub(crate) fn checked(&self) -> Result<Option<&Path>, Failure> {
-        let Self { method, phantom, registration, target: TargetOptions { stylus_tip, reference, .. }, .. } = self;
-        let name = method.name();
-        for (flag, is_given) in [("--phantom", phantom.is_some()), ("--registration", registration.is_some())] {
-            if is_given {
-                fail!(
-                    "{flag}: has no effect with --method {name}, which finds the target's position itself; leave it out"
-                );
-            }
-        }
-        match (method, stylus_tip) {
-            (Method::Stylus, None) => Err(Failure(
-                "--method stylus needs the position of the stylus's tip; give its file with --stylus-tip, or find it with `calibrate pivot`".into(),
-            )),
-            (Method::Stylus, Some(_)) if reference.is_some() => Err(Failure(
-                "--reference: has no effect with --method stylus, whose poses are in the frame that --stylus names; leave it out".into(),
-            )),
-            (Method::Stylus, Some(file)) => Ok(Some(file)),
-            (_, Some(_)) => Err(Failure(format!("--stylus-tip: has no effect with --method {name}; leave it out"))),
-            (_, None) => Ok(None),
-        }
     }
 }
 

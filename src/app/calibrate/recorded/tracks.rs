@@ -105,7 +105,7 @@ impl Tracks {
         let own = named(sensor, "the sensor of the probe")?;
         let other = match reference {
             TRACKER_FRAME => None,
-            name => Some(named(name, "the frame of the phantom")?),
+            name => Some(named(name, "in which the target rests")?),
         };
         let poses = self.of(sensor).unwrap_or_default().iter().filter_map(|sample| {
             let at = |history: &PoseHistory| Some(history.at(sample.time_ns).ok()?.pose().affine());

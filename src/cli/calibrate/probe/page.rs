@@ -16,15 +16,19 @@ impl Report {
     }
 
     /// Makes the page; `images` are those of [`Self::listed_frames`].
-    pub(super) fn page(&self, images: &[StoredImage], limit_mm: f64) -> String {
-        let mut page = Page::new(&format!("Calibration of a probe: {}", self.input.name()));
-        self.verdict(&mut page, limit_mm);
+    pub(super) fn page(&self, images: &[StoredImage]) -> String {
+        let shared = &self.shared;
+        let mut page = page_parts::begun(&self.inputs, shared, "mean error of the middle wires", self.lag_sd_s);
+        if let Some(next) = &self.next_view {
+            let seen = if next.helps { format!(" ({YOU})") } else { String::new() };
+            page.paragraph(&format!("Next view: {}{seen}.", next.words));
+        }
         page_parts::errors(
             &mut page,
             &[
-                ("middle wires (PLUS's definition)", Some(&self.error_mm)),
+                ("middle wires (PLUS's definition)", Some(&shared.error_mm)),
                 ("all wires", Some(&self.wire_error_mm)),
-                ("middle wires, validation frames", self.validation_error_mm.as_ref()),
+                ("middle wires, validation frames", shared.validation_error_mm.as_ref()),
                 ("all wires, validation frames", self.validation_wire_error_mm.as_ref()),
                 (
                     "middle wires, validation frames, no lag, registration as given",
@@ -38,46 +42,17 @@ impl Report {
         page.note("Green rings: used dots, by their wires. Dashed red: dots that the others contradict. Orange crosses: the wires by the calibration.");
         let used = self.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used);
         let dots: Vec<[DVec2; 2]> = used.map(|dot| [dot.seen_px, dot.expected_px].map(DVec2::from_array)).collect();
-        page_parts::over_the_picture(&mut page, self.image_size_px, (&dots, "dots"), &self.predicted_error_mm);
-        page.part("Frame by frame");
-        page_parts::bars(
-            &mut page,
-            &self.error_mm,
-            limit_mm,
-            "error of each frame",
-            "Mean error of each frame's middle wires.",
-        );
-        if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
-            let caption = "The same for the second recording, which the calibration did not use.";
-            page_parts::bars(&mut page, held, limit_mm, "error of each validation frame", caption);
-        }
+        page_parts::over_the_picture(&mut page, shared, (&dots, "dots"));
+        page_parts::frame_by_frame(&mut page, shared, "Mean error of each frame's middle wires.");
         self.wires_table(&mut page);
         self.particulars(&mut page);
         page.html()
     }
 
-    fn verdict(&self, page: &mut Page, limit_mm: f64) {
-        let of = if self.validation_is_split {
-            "mean error of the middle wires on validation frames (the last third, with a calibration from the others"
-        } else {
-            "mean error of the middle wires on validation frames (a second recording"
-        };
-        let held = (self.validation_error_mm.as_ref(), of, limit_mm);
-        page_parts::verdict(page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
-        page_parts::lag(page, self.lag_s, self.lag_sd_s);
-        if let Some(reproducibility) = &self.reproducibility_mm {
-            page.paragraph(&reproducibility.words());
-        }
-        if let Some(next) = &self.next_view {
-            let seen = if next.helps { format!(" ({YOU})") } else { String::new() };
-            page.paragraph(&format!("Next view: {}{seen}.", next.words));
-        }
-    }
-
     /// Draws one image and its dots.
     fn seen(&self, image: &StoredImage) -> Option<(String, String)> {
         let picture = self.pictures.iter().find(|picture| picture.frame == image.frame)?;
-        let mut plate = Plate::new(self.image_size_px);
+        let mut plate = Plate::new(self.shared.image_size_px);
         plate.picture(&image.grey);
         for dot in &picture.dots {
             let ink = if dot.used { Ink::Used } else { Ink::LeftOut };
@@ -115,12 +90,11 @@ impl Report {
         let scatter = &self.scatter;
         page.paragraph(&format!(
             "Noise: sensors {:.3} mm and {:.3}°, dots {:.2} and {:.2} px along u and v. The phantom fits best {:.2} mm and {:.2}° off its registration. Condition {:.1}.",
-            scatter.position_mm, scatter.turn_deg, scatter.dot_px[0], scatter.dot_px[1], self.registration_change_mm, self.registration_change_deg, self.condition
+            scatter.position_mm, scatter.turn_deg, scatter.dot_px[0], scatter.dot_px[1], self.registration_change_mm, self.registration_change_deg, self.shared.condition
         ));
-        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
+        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.shared.image_to_probe);
         page_parts::matrix(page, "PhantomToReference, best fit:", &self.phantom_to_reference);
-        let inputs = [Some(&self.input), Some(&self.phantom), self.validation.as_ref()];
-        page_parts::made_from(page, inputs.into_iter().flatten().map(|input| input.name()).collect());
+        page_parts::made_from(page, &self.inputs);
     }
 }
 

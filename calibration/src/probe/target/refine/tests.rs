@@ -156,3 +156,34 @@ fn lag_is_fitted() {
         assert!(apart(&without.plane, &scan.plane) > 1.0, "{target:?}");
     }
 }
+
+/// A plane determines the position by the tilts only, so noise limits it. Its error falls with the
+/// root of the number of images: 0.02 mm need some 3900 of these.
+#[test]
+fn plane_error_is_predicted_and_falls_with_images() {
+    let imperfect = Imperfect { position_mm: 0.05, seen_px: 0.2, ..Imperfect::default() };
+    let seeds = 16;
+    // Measured and predicted errors at the corners and the centre, root mean square, mm.
+    let errors = [300, 1200].map(|images| {
+        let (mut measured, mut predicted) = ([0.0; 5], [0.0; 5]);
+        for seed in 0..seeds {
+            let scan = Scan::new(Target::Plane, images, GOOD, imperfect, &mut Random::new(20 + seed));
+            let refined = found(&scan, false);
+            for (i, px) in places().into_iter().enumerate() {
+                measured[i] += refined.plane.point(px).distance_squared(scan.plane.point(px)) / seeds as f64;
+                predicted[i] += refined.predicted_mm(px).powi(2) / seeds as f64;
+            }
+        }
+        [measured, predicted].map(|squares| squares.map(f64::sqrt))
+    });
+    // All five points err alike, so the root mean square of 16 scans is uncertain by 18 %; these
+    // are two and a half of that.
+    for [measured, predicted] in errors {
+        let ratios: [f64; 5] = std::array::from_fn(|i| measured[i] / predicted[i]);
+        assert!(ratios.iter().all(|ratio| (0.55..1.45).contains(ratio)), "{measured:?} {predicted:?}");
+    }
+    let [few, many] = errors.map(|[_, predicted]| predicted[4]);
+    assert!((few / many - 2.0).abs() < 0.2, "{few} {many}");
+    let needed = 1200.0 * (many / 0.02).powi(2);
+    assert!((3500.0..4300.0).contains(&needed), "{needed}");
+}

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use smart_default::SmartDefault;
 
+use phantom::bedside::stylus::StylusMotion;
 use phantom::named::{ProbeName, SceneName, TrajectoryName};
 
 use super::values::{Name, named, of_flag};
@@ -24,6 +25,9 @@ pub(crate) struct Virtual {
     /// Motion of the probe; default: freehand, for an arm arm
     #[schemars(extend("x-takes" = "a trajectory of `phantom`, such as freehand"))]
     pub(crate) trajectory: Option<Name<TrajectoryName>>,
+    /// Motion of the stylus, if there is a `tracker.stylus_station`; default: pivot
+    #[schemars(extend("x-takes" = "pivot or landmarks"))]
+    pub(crate) stylus: Option<Name<StylusMotion>>,
     /// Number of video frames of a sweep in one direction
     #[schemars(range(min = 2, max = 100_000))]
     #[default(300)]
@@ -56,6 +60,7 @@ pub(crate) struct Virtual {
 named! {
     ProbeName: of_flag(ProbeName::value_variants());
     SceneName: of_flag(SceneName::value_variants());
+    StylusMotion: of_flag(StylusMotion::value_variants());
     TrajectoryName: of_flag(TrajectoryName::value_variants());
 }
 

@@ -40,15 +40,20 @@ pub(super) fn gathered(
 ) -> Result<PathBuf, Failure> {
     let gathered = lead(path, &options.gathering, advisor, |bedside| {
         let roles = without_latency(bedside)?;
+        let scan = Scan::new(&roles, bedside);
+        let usual = if scan.tracks.of(REFERENCE_FRAME).is_some() { REFERENCE_FRAME } else { TRACKER_FRAME };
+        let reference = names.reference.unwrap_or(usual);
+        scan.check(path, names.probe, reference)?;
         let scanned = Scanned {
             target,
-            names,
+            probe: names.probe,
+            reference: reference.to_owned(),
             clip: options.clip,
             mask: bedside.mask,
             goal_mm: options.goal,
             detector: Detector::new(target == Target::Plane),
             region: None,
-            scan: Scan::new(&roles, bedside),
+            scan,
         };
         Ok((scanned, roles))
     })?;
@@ -58,7 +63,8 @@ pub(super) fn gathered(
 /// The scan so far.
 struct Scanned<'a> {
     target: Target,
-    names: Names<'a>,
+    probe: &'a str,
+    reference: String,
     clip: Option<ClipRect>,
     mask: MaskSettings,
     goal_mm: f64,
@@ -84,8 +90,7 @@ impl Guide for Scanned<'_> {
         if !self.detector.prepare(LEAST_LEARNED) {
             return Advice::missing("scan on: the search for static pixels needs more frames");
         }
-        let usual = if self.scan.tracks.of(REFERENCE_FRAME).is_some() { REFERENCE_FRAME } else { TRACKER_FRAME };
-        let track = match self.scan.tracks.track(self.names.probe, self.names.reference.unwrap_or(usual)) {
+        let track = match self.scan.tracks.track(self.probe, &self.reference) {
             Ok(track) => track,
             Err(why) => return Advice::missing(why),
         };

@@ -12,29 +12,19 @@ use crate::app::calibrate::probe::StoredImage;
 impl Report {
     /// Returns the images to show.
     pub(super) fn listed_frames(&self) -> Vec<usize> {
-        page_parts::listed_frames(&self.error_mm)
+        page_parts::listed_frames(&self.shared.error_mm)
     }
 
     /// Makes the page; `images` are those of [`Self::listed_frames`].
     pub(super) fn page(&self, images: &[StoredImage]) -> String {
-        let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
-        let of = if self.validation_is_split {
-            "mean error on validation frames (the last third, with a calibration from the others"
-        } else {
-            "mean error on validation frames (a second recording"
-        };
-        let held = (self.validation_error_mm.as_ref(), of, self.limit_mm);
-        page_parts::verdict(&mut page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
-        page_parts::lag(&mut page, self.lag_s, self.lag_se_s);
-        if let Some(reproducibility) = &self.reproducibility_mm {
-            page.paragraph(&reproducibility.words());
-        }
+        let shared = &self.shared;
+        let mut page = page_parts::begun(&self.inputs, shared, "mean error", self.lag_se_s);
         page.paragraph(&format!("Next view: {}.", self.next_view));
         page_parts::errors(
             &mut page,
             &[
-                ("distance from the target", Some(&self.error_mm)),
-                ("validation frames", self.validation_error_mm.as_ref()),
+                ("distance from the target", Some(&shared.error_mm)),
+                ("validation frames", shared.validation_error_mm.as_ref()),
             ],
         );
         page.part("Detections");
@@ -47,13 +37,8 @@ impl Report {
         page.note(&format!("Green rings: {seen}. Orange crosses: its position by the calibration."));
         let used = || self.pictures.iter().filter(|picture| picture.used);
         let dots: Vec<[DVec2; 2]> = used().flat_map(PictureReport::pairs).collect();
-        page_parts::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
-        page.part("Frame by frame");
-        page_parts::bars(&mut page, &self.error_mm, self.limit_mm, "error of each frame", "Mean error of each frame.");
-        if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
-            let caption = "The same for the second recording, which the calibration did not use.";
-            page_parts::bars(&mut page, held, self.limit_mm, "error of each validation frame", caption);
-        }
+        page_parts::over_the_picture(&mut page, shared, (&dots, what));
+        page_parts::frame_by_frame(&mut page, shared, "Mean error of each frame.");
         self.particulars(&mut page);
         page.html()
     }
@@ -61,7 +46,7 @@ impl Report {
     /// Draws one image and the detections in it.
     fn seen(&self, image: &StoredImage) -> Option<(String, String)> {
         let picture = self.pictures.iter().find(|picture| picture.frame == image.frame)?;
-        let mut plate = Plate::new(self.image_size_px);
+        let mut plate = Plate::new(self.shared.image_size_px);
         plate.picture(&image.grey);
         for [seen, expected] in picture.pairs() {
             plate.ring(seen, if picture.used { Ink::Used } else { Ink::LeftOut }, "");
@@ -78,12 +63,13 @@ impl Report {
             "Noise: {}. Position: {}. Condition {:.1}.",
             self.scatter.words(),
             self.target.words(&self.frame),
-            self.condition
+            self.shared.condition
         ));
-        let least: Vec<String> = self.least_known.iter().map(|(what, sd)| format!("{what} ({sd:.2e})")).collect();
-        page.paragraph(&format!("Least known, in typical sizes: {}.", least.join("; ")));
-        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.image_to_probe);
-        page_parts::made_from(page, self.inputs.all().map(|input| input.name()).collect());
+        page.paragraph("The least known combinations of numbers, each in its typical size:");
+        let least: Vec<_> = self.least_known.iter().map(|(what, sd)| vec![what.clone(), format!("{sd:.4}")]).collect();
+        page.table(&["combination", "standard deviation"], &least);
+        page_parts::matrix(page, "ImageToProbe, pixels of the image (right, down) to mm:", &self.shared.image_to_probe);
+        page_parts::made_from(page, &self.inputs);
     }
 }
 

@@ -10,10 +10,11 @@ use calibration::probe::errors::Errors;
 use calibration::probe::target::refine::Scatter;
 use calibration::probe::target::{Calibration, Place};
 
-use super::super::report::{Frames, LATTICE, ProbeReport, lag_line, word};
-use crate::app::calibrate::outputs::{Input, place, rows};
+use super::super::shared::{Frames, Inputs, LATTICE, Numbers, Shared, lag_line, word};
+use crate::app::calibrate::outputs::place;
+use crate::app::calibrate::probe::target::Found;
 use crate::app::calibrate::probe::target::quality::ends;
-use crate::app::calibrate::probe::{Method, Reproducibility};
+use crate::app::calibrate::probe::{Method, Options, Reproducibility};
 
 /// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
@@ -21,63 +22,20 @@ const UNSEEN: &str = "nothing seen";
 /// Report of a result. The names contain the units.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
-    pub(super) kind: &'static str,
-    pub(super) method: &'static str,
     #[serde(flatten)]
     pub(super) inputs: Inputs,
-    /// Row major: pixels of the image in MF orientation to mm.
-    pub(super) image_to_probe: [f64; 16],
-    pub(super) image_size_px: [u32; 2],
-    pub(super) pixel_mm: [f64; 2],
-    /// Distances of the detections from the target.
-    pub(super) error_mm: ProbeReport,
-    /// The same of images that had no part in the calibration.
-    pub(super) validation_error_mm: Option<ProbeReport>,
-    /// Whether these are the last third of the recording, compared with a calibration from the
-    /// others.
-    pub(super) validation_is_split: bool,
-    pub(super) limit_mm: f64,
-    pub(super) frames: Frames,
-    pub(super) condition: f64,
+    #[serde(flatten)]
+    pub(super) shared: Shared,
     /// The least known combinations of parameters with their errors, in typical sizes.
     pub(super) least_known: Vec<(String, f64)>,
-    /// Positive if poses come later than images.
-    pub(super) lag_s: f64,
     pub(super) lag_se_s: f64,
-    /// Correlation length of the scatter, images.
-    pub(super) scatter_lasts_pictures: f64,
     pub(super) scatter: Scattered,
     /// The frame in which the target rests.
     pub(super) frame: String,
     pub(super) target: Rests,
-    /// Predicted error of pixel positions, one standard deviation, by the covariance: rows of
-    /// numbers over the image, from its first pixels to its last.
-    pub(super) predicted_error_mm: Vec<Vec<f64>>,
-    /// The same at the image's centre, and at its worst corner.
-    pub(super) predicted_ends_mm: [f64; 2],
     /// Part of the image in which to show the target next.
     pub(super) next_view: String,
-    /// Change of the result when parts of the recording are left out.
-    pub(super) reproducibility_mm: Option<Reproducibility>,
     pub(super) pictures: Vec<PictureReport>,
-    #[serde(rename = "looked_s")]
-    pub(super) searched_s: f64,
-    pub(super) solved_s: f64,
-}
-
-/// Input files.
-#[derive(Debug, Serialize)]
-pub(super) struct Inputs {
-    pub(super) input: Input,
-    pub(super) stylus_tip: Option<Input>,
-    pub(super) validation: Option<Input>,
-}
-
-impl Inputs {
-    /// Returns the present inputs.
-    pub(super) fn all(&self) -> impl Iterator<Item = &Input> {
-        [Some(&self.input), self.stylus_tip.as_ref(), self.validation.as_ref()].into_iter().flatten()
-    }
 }
 
 /// Standard deviations.
@@ -155,7 +113,13 @@ pub(super) struct PictureReport {
 }
 
 impl Report {
-    pub(super) fn new(found: &Calibration, inputs: Inputs, method: Method, frame: String, limit_mm: f64) -> Self {
+    pub(super) fn new(
+        options: &Options,
+        inputs: Inputs,
+        done: &Found,
+        reproducibility: Option<Reproducibility>,
+    ) -> Self {
+        let Found { found, reference, times_s, .. } = done;
         let refined = &found.refined;
         let pictures = found.pictures.iter().map(|picture| PictureReport {
             frame: picture.frame,
@@ -165,43 +129,33 @@ impl Report {
             off_mm: picture.off_mm.clone(),
             used: picture.outcome == Outcome::Used,
         });
-        let directions = refined.solution().directions();
-        Self {
-            kind: "probe",
-            method: method.name(),
-            inputs,
-            image_to_probe: rows(refined.plane.affine()),
-            image_size_px: found.size_px,
-            pixel_mm: refined.plane.pixel_mm(),
-            error_mm: (&found.errors).into(),
-            validation_error_mm: found.validation.as_ref().map(ProbeReport::from),
-            validation_is_split: found.split,
-            limit_mm,
+        let numbers = Numbers {
+            plane: &refined.plane,
+            size_px: found.size_px,
+            errors: &found.errors,
+            validation: found.validation.as_ref(),
+            is_split: found.split,
             frames: frames(found),
             condition: refined.condition(),
-            least_known: directions.iter().take(3).map(|one| (one.to_string(), one.sd)).collect(),
             lag_s: refined.lag_s,
+            lasting: refined.lasting,
+            predicted_mm: found.predicted_mm(LATTICE),
+            ends_mm: ends(found),
+            reproducibility,
+            times_s: *times_s,
+        };
+        let directions = refined.solution().directions();
+        Self {
+            inputs,
+            shared: Shared::new(options, numbers),
+            least_known: directions.iter().take(3).map(|one| (one.to_string(), one.sd)).collect(),
             lag_se_s: refined.lag_se_s,
-            scatter_lasts_pictures: refined.lasting,
             scatter: Scattered::of(&refined.scatter),
-            frame,
+            frame: reference.clone(),
             target: Rests::of(found.place()),
-            predicted_error_mm: found.predicted_mm(LATTICE),
-            predicted_ends_mm: ends(found),
             next_view: next(found),
-            reproducibility_mm: None,
             pictures: pictures.collect(),
-            searched_s: 0.0,
-            solved_s: 0.0,
         }
-    }
-
-    pub(super) fn with_reproducibility(self, reproducibility_mm: Option<Reproducibility>) -> Self {
-        Self { reproducibility_mm, ..self }
-    }
-
-    pub(super) fn with_times(self, searched_s: f64, solved_s: f64) -> Self {
-        Self { searched_s, solved_s, ..self }
     }
 }
 
