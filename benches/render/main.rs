@@ -82,10 +82,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(
-    Effort { cases, rounds, sides, quick, only_parts }: Effort,
-    folder: &Path,
-) -> Result<bool, Box<dyn Error>> {
+fn run(Effort { cases, rounds, sides, quick, only_parts }: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let mut report = Report::new();
     let python = peer::environment();
     let mut peers = peer::table();

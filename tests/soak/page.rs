@@ -59,7 +59,7 @@ fn view(address: SocketAddr, ends: &AtomicBool, pictures: &AtomicU64) {
                 let answer = json!({ "do": "shown", "kind": bytes[0], "sequence": sequence, "had_ms": 1 });
                 // The view turns all the time.
                 let turn = json!({ "do": "turn", "right": 3.0, "up": 0.5, "clockwise": 0.0 });
-                say(&mut socket, answer) && (shown % 8 != 0 || say(&mut socket, turn))
+                say(&mut socket, answer) && (!shown.is_multiple_of(8) || say(&mut socket, turn))
             }
             Err(Error::Io(error)) => {
                 matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut)
