@@ -1,7 +1,7 @@
 //! Measured figures of the documents.
 //!
-//! A [record](record) holds the figures of one run, with commit, date, machine, command and the
-//! hashes of the sources that it measured. A [template](template) is Markdown with placeholders
+//! A [`record`] holds the figures of one run, with commit, date, machine, command and the
+//! hashes of the sources that it measured. A [`template`] is Markdown with placeholders
 //! for figures. [Blocks](documents) are the places of the documents that show a template's text.
 //! The tests compare each block with its template, and each record with [today's
 //! sources](sources).
