@@ -11,7 +11,7 @@ use crate::baselines::Drop;
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Path, USUAL};
 
 /// Permitted deviations from the default's equations in f64, grey levels rms, by scan. The columns
-/// are those of [`column`].
+/// are those of [`column()`].
 const FROM_DEFAULT: [(&str, [f64; 7]); 14] = [
     ("blobs-freehand", [0.4, 0.62, 2.2, 3.8, 3.7, 3.3, 1.9]),
     ("sphere-jittered", [2.2, 3.2, 6.8, 11.0, 19.0, 19.0, 9.7]),
