@@ -120,10 +120,12 @@ reach: setup
 	$(NUMBERS) record reach out/reach/figures.json --command "make reach" --sources $(SESSION)
 
 # Measures the cost of the console to a session: losses and times of the same session with and
-# without pages, hidden pages and bad clients, SECONDS_EACH. Nothing else should run meanwhile.
+# without pages, hidden pages and bad clients, SECONDS_EACH, the last in ROUNDS alternating rounds.
+# Nothing else should run meanwhile.
 SECONDS_EACH ?= 60
+ROUNDS ?= 5
 console-cost: setup
-	SECONDS_EACH=$(SECONDS_EACH) scripts/console-cost.sh
+	SECONDS_EACH=$(SECONDS_EACH) ROUNDS=$(ROUNDS) scripts/console-cost.sh
 	$(NUMBERS) record console-cost out/console-cost/figures.json \
 		--command "make console-cost SECONDS_EACH=$(SECONDS_EACH)" --sources $(SESSION)
 
