@@ -6,8 +6,8 @@
 #
 # Each takes SECONDS_EACH, 60 by default. Nothing else should run meanwhile. SONOWEAVE names another
 # program than the one that cargo builds. The script fails if attacked sessions lose or drop more
-# than the others, or if the median of their p99 of capture to volume is higher by more than
-# P99_GROWTH_PERCENT, 10 by default.
+# than the others. It fails, too, if the median of their p99 of capture to volume is higher by more
+# than P99_GROWTH_PERCENT, 10 by default.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
