@@ -1,4 +1,4 @@
-//! The guest's tasks. A task that fails panics, which ends the guest with another code than 0.
+//! The guest's tasks. A task that fails panics, which ends the guest with a code other than 0.
 
 use std::collections::HashMap;
 use std::io::Write as _;

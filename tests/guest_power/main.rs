@@ -27,6 +27,12 @@ use libtest_mimic::{Arguments, Trial};
 fn main() -> ExitCode {
     if Path::new("/sonoweave-guest").exists() {
         let words: Vec<String> = std::env::args().skip(1).collect();
+        // A failed task ends the guest at once. Unwinding would wait for the session's threads.
+        let report = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            report(info);
+            std::process::exit(101);
+        }));
         guest::run(&words);
         return ExitCode::SUCCESS;
     }

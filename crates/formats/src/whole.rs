@@ -4,9 +4,8 @@
 //! folder is synced. An earlier file of that name stays until the rename. A power cut may leave a
 //! temporary file, `.sonoweave-*.part`.
 
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::io::{self, BufWriter, ErrorKind, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use tempfile::{NamedTempFile, TempPath};
@@ -28,16 +27,10 @@ pub fn write_whole(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Resu
 /// # Errors
 /// Errors of the file system.
 pub fn temporary(path: &Path) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    // Temporary files are private by default. This one becomes the user's file and gets the
-    // permissions of any other new file, by the umask.
-    builder.prefix(".sonoweave-").suffix(".part").permissions(Permissions::from_mode(0o666));
-    builder.tempfile_in(folder_of(path)).map_err(without_name)
-}
-
-/// Returns the system's error without the temporary name, which users have not given.
-fn without_name(error: io::Error) -> io::Error {
-    if error.raw_os_error().is_some() { error } else { error.kind().into() }
+    // Opened here rather than by `tempfile`, which makes files private and adds the temporary name
+    // to errors. This file becomes the user's and gets the permissions of any other new file.
+    let open = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
+    tempfile::Builder::new().prefix(".sonoweave-").suffix(".part").make_in(folder_of(path), open)
 }
 
 /// Gives a complete temporary file its name. On return it survives a power cut.
@@ -155,6 +148,19 @@ mod tests {
         write_whole(&path, |to| to.write_all(b"second")).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"second");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file is left");
+    }
+
+    #[test]
+    fn temporary_file_has_plain_error_and_permissions() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("no/numbers.json");
+        let error = temporary(&path).unwrap_err();
+        assert_eq!(error.to_string(), std::fs::read(&path).unwrap_err().to_string());
+        let (ours, new) = (folder.path().join("ours"), folder.path().join("new"));
+        persist(temporary(&ours).unwrap(), &ours).unwrap();
+        File::create(&new).unwrap();
+        let [ours, new] = [ours, new].map(|path| path.metadata().unwrap().permissions());
+        assert_eq!(ours, new);
     }
 
     #[test]
