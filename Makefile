@@ -45,6 +45,7 @@ mutants: setup
 STRESS ?= full
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
+	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test steady
 

@@ -29,6 +29,7 @@ pub mod statistics;
 #[cfg(test)]
 mod tests {
     pub(crate) mod coverage;
+    pub(crate) mod draws;
     pub(crate) mod noise;
     pub(crate) mod target_scans;
     pub(crate) mod wire_scans;

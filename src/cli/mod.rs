@@ -19,6 +19,7 @@ pub mod twin;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -52,7 +53,7 @@ pub struct Arguments {
 
 impl Arguments {
     /// Parses the process's arguments; ends the process with a message if they are invalid.
-    pub fn of_process() -> Self {
+    fn of_process() -> Self {
         Self::of(std::env::args_os()).unwrap_or_else(|error| error.exit())
     }
 
@@ -151,11 +152,24 @@ enum Command {
     Twin(Box<twin::Arguments>),
 }
 
+/// The program's main function: parses the process's arguments, runs the command, and returns the
+/// exit code.
+#[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
+pub fn main() -> ExitCode {
+    match run(&Arguments::of_process()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure(sentence)) => {
+            eprintln!("sonoweave: {sentence}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// Runs the requested command.
 ///
 /// # Errors
 /// [`Failure`] when the command failed.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Dropped when the command is done, which completes the file.
     let _trace = arguments.listen()?;
     match &arguments.command {

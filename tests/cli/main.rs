@@ -38,3 +38,8 @@ mod sessions;
 mod settings;
 mod targets;
 mod tracker;
+
+/// Returns the program.
+fn program() -> std::process::Command {
+    std::process::Command::new(env!("CARGO_BIN_EXE_sonoweave"))
+}

@@ -102,13 +102,13 @@ impl Place {
 
     /// Runs the program with words separated by spaces, without a terminal.
     pub(crate) fn run(&self, words: &str) -> Run {
-        self.output(Command::new(env!("CARGO_BIN_EXE_sonoweave")).args(words.split_whitespace()))
+        self.output(crate::program().args(words.split_whitespace()))
     }
 
     /// The same with a limited address space, kB.
     pub(crate) fn run_within(&self, kilobytes: u64, words: &str) -> Run {
         let script = format!("ulimit -v {kilobytes}; exec \"$0\" {words}");
-        self.output(Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_sonoweave")]))
+        self.output(Command::new("sh").args(["-c", &script]).arg(crate::program().get_program()))
     }
 
     pub(crate) fn output(&self, command: &mut Command) -> Run {

@@ -31,6 +31,11 @@ use volume::DenseVolume;
 
 use place::Place;
 
+/// Returns the program, for [`place`].
+fn program() -> std::process::Command {
+    std::process::Command::new(env!("CARGO_BIN_EXE_sonoweave"))
+}
+
 /// Largest difference of a grey value, of 255.
 const MOST: u8 = 2;
 /// Root mean square of all differences, of 255.

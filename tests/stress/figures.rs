@@ -140,7 +140,7 @@ impl Report {
         println!("{summary}");
         let chosen = arguments.filter.is_some() || !arguments.skip.is_empty();
         if !chosen {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("out/stress");
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../out/stress");
             let file = folder.join(length.of("report-quick.txt", "report.txt"));
             let words = length.of("short length (full: make stress)", "full length");
             let text = format!("Numerical stress tests, {words}\n{}\n{summary}\n", table(rows.iter()));

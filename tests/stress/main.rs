@@ -40,6 +40,7 @@ mod support;
 mod surfaces;
 mod time;
 
+use std::process::{Command, ExitCode};
 use std::sync::Arc;
 
 use libtest_mimic::{Arguments, Trial};
@@ -47,9 +48,24 @@ use simd::Simd;
 
 use figures::{Length, Report, Test};
 
-fn main() {
+/// Environment variable by which this program is `sonoweave` itself.
+const AS_PROGRAM: &str = "SONOWEAVE_STRESS_AS_PROGRAM";
+
+/// Returns the `sonoweave` program, for [`place`]. Cargo builds the program's own file for tests of
+/// its package only; this one has the same main function.
+fn program() -> Command {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.env(AS_PROGRAM, "");
+    command
+}
+
+fn main() -> ExitCode {
+    if std::env::var_os(AS_PROGRAM).is_some() {
+        return sonoweave::cli::main();
+    }
     if time::is_day_alone() {
-        return time::day_alone();
+        time::day_alone();
+        return ExitCode::SUCCESS;
     }
     let arguments = Arguments::from_args();
     let length = Length::from_environment();
@@ -82,7 +98,7 @@ fn main() {
     trials.extend(Simd::ALL.map(instruction_set));
     let conclusion = libtest_mimic::run(&arguments, trials);
     report.finish(length, &arguments);
-    conclusion.exit();
+    conclusion.exit_code()
 }
 
 /// All tests of the project leave out the instruction sets that the machine lacks. This one is then

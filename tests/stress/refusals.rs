@@ -66,7 +66,7 @@ fn in_a_sequence(sheet: &mut Sheet) {
     let run = |name: &str, sequence: &Sequence| {
         place.put("s.mha", sequence.bytes());
         let matrix = "0.5 0 0 0 0 0.5 0 0 0 0 1 0 0 0 0 1";
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_sonoweave"));
+        let mut command = crate::program();
         command.args(["reconstruct", "s.mha", "--clip", "none", "--type", "f32", "--image-to-probe", matrix]);
         command.args(["-o", &format!("{name}.mha"), "--weights", &format!("{name}-w.mha"), "--stats", "s.json"]);
         let run = place.output(&mut command);

@@ -8,6 +8,7 @@ use sonoweave_core::frames::Reference;
 
 use super::*;
 use crate::least_squares::tests::jacobian::check_jacobian;
+use crate::tests::draws::draws;
 use crate::tests::noise::{Noise, mahalanobis};
 
 const TIP: DVec3 = DVec3::new(108.565, 7.774, 2.539);
@@ -103,7 +104,7 @@ fn tip_covariance_matches_errors() {
         ("0.3 mm", Errors { mm: 0.3, ..NONE }, 0.14),
         ("0.3 mm, 0.2°, jumps", Errors { mm: 0.3, deg: 0.2, jump_every: 10 }, 0.14),
     ] {
-        let seeds = 450;
+        let seeds = draws(450);
         let (mut sum, mut squares, mut bias) = (0.0, 0.0, DVec3::ZERO);
         for seed in 0..seeds {
             let pivot = found(&swung(200, errors, 10_000 + seed));
@@ -127,7 +128,7 @@ fn tip_covariance_matches_errors() {
 /// covariance must account for fewer independent readings.
 #[test]
 fn correlated_noise_enlarges_covariance() {
-    let seeds = 200;
+    let seeds = draws(200);
     let mut sum = 0.0;
     for seed in 0..seeds {
         let mut random = Noise::new(77_000 + seed);

@@ -254,7 +254,14 @@ impl<To: Frame, From: Frame> fmt::Debug for Transform<To, From> {
 
 #[cfg(test)]
 mod tests {
+    use static_assertions::{assert_impl_all, assert_not_impl_any};
+
     use super::*;
+
+    // Products whose inner frames differ do not compile.
+    assert_impl_all!(Transform<Tracker, Probe>: Mul<Transform<Probe, Image>, Output = Transform<Tracker, Image>>);
+    assert_not_impl_any!(Transform<Probe, Image>: Mul<Transform<Tracker, Probe>>);
+    assert_not_impl_any!(Transform<Probe, Tracker>: Mul<Transform<Probe, Image>>);
 
     fn turned() -> DAffine3 {
         DAffine3::from_rotation_translation(

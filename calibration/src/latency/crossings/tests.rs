@@ -33,6 +33,15 @@ impl Body {
         };
         100.0 + self.blobs.iter().map(of).sum::<f64>()
     }
+
+    /// Returns the blobs that an image plane meets. The others add nothing to its pixels.
+    fn met_by(&self, world_from_pixel: &DAffine3) -> Self {
+        let normal = world_from_pixel.matrix3.z_axis.normalize();
+        let meets = |(place, width, _): &&(DVec3, f64, f64)| {
+            (*place - world_from_pixel.translation).dot(normal).powi(2) < 20.1 * width * width
+        };
+        Self { blobs: self.blobs.iter().filter(meets).copied().collect() }
+    }
 }
 
 /// The path of a probe.
@@ -79,6 +88,7 @@ fn scan(way: Way, lag_s: f64, noise: f64, random: &mut Random) -> Slices {
         let time = 0.08 * f64::from(i);
         let (rotation, place) = way(time);
         let world = DAffine3::from_rotation_translation(rotation, place) * probe_from_image();
+        let body = body.met_by(&world);
         let pixel = |at: u32| {
             let grey = body.grey(world.transform_point3(DVec3::new(f64::from(at % SIZE), f64::from(at / SIZE), 0.0)));
             (grey + noise * random.normal()).round().clamp(0.0, 255.0) as u8

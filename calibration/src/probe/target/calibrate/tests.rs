@@ -3,6 +3,7 @@ use glam::DVec3;
 use super::*;
 use crate::error::{Axis, ProbeError};
 use crate::probe::track::Poses;
+use crate::tests::draws::draws;
 use crate::tests::noise::Noise;
 use crate::tests::target_scans::{GOOD, Imperfect, Motion, Scan};
 use crate::tests::wire_scans::places;
@@ -33,7 +34,7 @@ fn refusal(target: Target, scan: &Scan) -> ProbeError {
 #[test]
 fn scan_is_calibrated_from_images_and_poses_alone() {
     for (target, most) in [(Target::Point, 0.4), (TIP, 0.4), (Target::Plane, 1.5)] {
-        for seed in 0..6 {
+        for seed in 0..draws(6) {
             let mut noise = Noise::new(30 + seed);
             let scan = Scan::new(target, 150, GOOD, USUAL, &mut noise);
             let second = Scan::new(target, 60, GOOD, USUAL, &mut noise);

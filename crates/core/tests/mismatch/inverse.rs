@@ -1,7 +1,0 @@
-use sonoweave_core::frames::{Image, Probe, Tracker, Transform};
-
-fn main() {
-    let tracker_from_probe = Transform::<Tracker, Probe>::IDENTITY;
-    let probe_from_image = Transform::<Probe, Image>::IDENTITY;
-    let _ = tracker_from_probe.inverse() * probe_from_image;
-}
