@@ -3,7 +3,7 @@
 use tempfile::NamedTempFile;
 
 use formats::session::WriterOptions;
-use pipeline::session::{Latencies, walk};
+use pipeline::session::{Latencies, RecordedDecisions, walk};
 use sonoweave_core::clock::SECOND;
 use sync::ingest::live::Live;
 
@@ -48,6 +48,9 @@ fn received_samples_equal_a_walk_through_the_recording() {
 
     let file = NamedTempFile::new().unwrap();
     std::fs::write(file.path(), disk.bytes()).unwrap();
+    // A replay into a volume has the rules of today's sessions.
+    let decisions = RecordedDecisions::read(file.path()).unwrap();
+    assert!(["path_by_reach", "mask_by_edges"].iter().all(|rule| decisions.notes(rule) == ["true"]));
     let mut walked = Vec::new();
     walk(file.path(), true, roles().into(), Latencies::Given, |device, live| walked.push((device, live))).unwrap();
     let [received, walked]: [Vec<_>; 2] = [&received, &walked].map(|all| all.iter().filter_map(short).collect());

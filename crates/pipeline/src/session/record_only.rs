@@ -69,6 +69,7 @@ pub fn record_only(
     let (deliver, delivered) = bounded(READINGS);
     let common =
         Common { clock, status: &status, recorder: &recorder, in_flight: &in_flight, decisions: None, observers: &[] };
+    recorder.note_rules(clock.now_ns());
     let sequencer = EventSequencer::new(common, names.clone(), deliver);
     let ingest = |DeviceRole { gives, latency_ns, .. }| LiveIngest::new(gives, Timing::default(), latency_ns);
     let mut ingests: Vec<LiveIngest> = roles.into_iter().map(ingest).collect();

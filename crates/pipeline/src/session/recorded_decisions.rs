@@ -15,11 +15,14 @@ use super::event::{CLOCK, UNPAIRED};
 
 /// Kind of note: an automatic choice of the insertion path depends on the poses that the devices
 /// can reach. Earlier versions did not write it, and chose the general path.
-pub(super) const PATH_BY_REACH: &str = "path_by_reach";
+const PATH_BY_REACH: &str = "path_by_reach";
 
 /// Kind of note: the automatic mask knows borders with noise. Earlier versions did not write it,
 /// and knew only borders that are exactly zero.
-pub(super) const MASK_BY_EDGES: &str = "mask_by_edges";
+const MASK_BY_EDGES: &str = "mask_by_edges";
+
+/// Kinds of note with which every new recording begins.
+pub(super) const RULES: [&str; 2] = [PATH_BY_REACH, MASK_BY_EDGES];
 
 /// A frame's recorded pose and outcome.
 #[derive(Debug, Clone, Default)]

@@ -29,6 +29,7 @@ use sonoweave_core::{Description, Reading};
 use sync::ingest::stored_rect;
 
 use super::priority::{Role, SchedulingPolicy};
+use super::recorded_decisions::RULES;
 use super::threads::spawn;
 use super::unsynced::Unsynced;
 use crate::trace::STAGE;
@@ -189,6 +190,11 @@ impl Recorder {
     /// Records a decision.
     pub(super) fn note(&self, kind: &'static str, value: &impl Serialize, at_ns: i64) {
         self.note_of(kind, value, at_ns, false);
+    }
+
+    /// Records that the session has this program's rules. A replay has those of its recording.
+    pub(super) fn note_rules(&self, at_ns: i64) {
+        RULES.iter().for_each(|rule| self.note(rule, &true, at_ns));
     }
 
     /// Records a session event other than a reading.

@@ -20,7 +20,7 @@ use super::losses::Losses;
 use super::pairing::{Pairing, SliceSink};
 use super::picture::{self, Drawn, SharedViewClient};
 use super::priority::{Role, SchedulingPolicy};
-use super::recorded_decisions::{MASK_BY_EDGES, PATH_BY_REACH, RecordedDecisions};
+use super::recorded_decisions::RecordedDecisions;
 use super::recorder::{self, Recorder, Recording};
 use super::replay::{self, FromRecording, Recorded};
 use super::sequence::{self, Sequence};
@@ -200,8 +200,7 @@ impl Wiring<'_> {
         };
         if is_live {
             status.granted(policy.granted());
-            recorder.note(PATH_BY_REACH, &true, clock.now_ns());
-            recorder.note(MASK_BY_EDGES, &true, clock.now_ns());
+            recorder.note_rules(clock.now_ns());
         } else {
             status.replayed();
             // The recording has its own events.
