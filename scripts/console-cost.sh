@@ -22,6 +22,13 @@ if [ -z "${SONOWEAVE:-}" ]; then
 fi
 "$SONOWEAVE" live --example virtual | sed -e '/^reference_station/d' -e 's/^#painted = true/painted = true/' >"$folder/bedside.toml"
 grep -q '^painted = true' "$folder/bedside.toml"
+# Sessions with real devices have real-time priority wherever it is permitted, as in the package's
+# service. Virtual ones have it only if it is required.
+if chrt --fifo 6 true 2>/dev/null; then
+    printf '[process]\nrealtime = "required"\n' >>"$folder/bedside.toml"
+else
+    echo "console-cost: real-time priority is not permitted; attackers and session compete for the processors"
+fi
 trap 'kill "${session:-}" 2>/dev/null || true' EXIT
 
 # begin NAME: starts a session, and waits until it runs at $address.
