@@ -139,17 +139,18 @@ console-reach:
 	$(NUMBERS) record console-reach out/console-test/figures.json \
 		--command "make console-reach SECONDS_EACH=$(SECONDS_EACH)" --sources $(SESSION)
 
-# Figures are made by an optimised build. QUICK=--quick is a smoke test.
-FIGURES = --release --locked -p sonoweave-figures
+# Figures are made by an optimised build. QUICK=--quick is a smoke test. The packages that are
+# selected for their tests must be those of SONOWEAVE_RELEASE, where that is set.
+FIGURES = $(if $(SONOWEAVE_RELEASE),--workspace,-p sonoweave-figures)
 
 # Draws the 1992 paper's figures and claims with ours beside them: out/paper/index.html.
 paper: setup
-	cargo test $(FIGURES)
-	cargo run $(FIGURES) --bin paper -- $(QUICK)
+	cargo test --release --locked $(FIGURES) --bin paper --bin pareto --test plots
+	"$$(scripts/build.sh paper)" $(QUICK)
 
 # Draws run time against error, over phantoms and recordings: out/pareto/index.html.
 pareto: setup
-	cargo run $(FIGURES) --bin pareto -- $(QUICK)
+	"$$(scripts/build.sh pareto)" $(QUICK)
 	$(NUMBERS) record pareto out/pareto/$(QUICK_FOLDER)/figures.json --command "make pareto" \
 		--sources $(RENDERING),crates/phantom,figures/src/bin/pareto
 

@@ -57,19 +57,3 @@ impl Findings {
         self.wrong.is_empty()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_failed_check_fails_the_run() {
-        let mut findings = Findings::default();
-        findings.check(true, "two and two are four");
-        findings.counted();
-        assert!(findings.report());
-        findings.check(false, "two and two are five");
-        assert!(!findings.report());
-        assert_eq!((findings.checks, findings.wrong.len()), (3, 1));
-    }
-}

@@ -64,27 +64,3 @@ pub fn wrap(text: &str, size: f64, most: f64) -> Vec<String> {
     }
     lines
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn font_has_all_used_characters_and_their_widths() {
-        let font = FontRef::new(dejavu::sans::regular()).unwrap();
-        for c in "aZ09 −×·±≤≥≈√σπ∞µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹–→ΣφΔ°′".chars() {
-            assert!(font.charmap().map(c).is_some(), "{c}");
-        }
-        assert!(width("iiii", 12.0) < 0.5 * width("MMMM", 12.0));
-        assert!(width("σ_eff", 12.0) < width("σeff", 12.0) && width("σ_eff", 12.0) > width("σe", 12.0));
-        assert!((width("ab", 20.0) - 2.0 * width("ab", 10.0)).abs() < 1e-9);
-    }
-
-    #[test]
-    fn wrapped_lines_fit_and_keep_all_words() {
-        let text = "Samples are taken at irregular distances, as by a hand, and each counts by its distance.";
-        let lines = wrap(text, 12.0, 150.0);
-        assert!(lines.len() > 2 && lines.iter().all(|line| width(line, 12.0) <= 150.0));
-        assert_eq!(lines.join(" "), text);
-    }
-}

@@ -2,6 +2,8 @@
 
 use std::error::Error;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use resvg::tiny_skia::{ColorU8, Pixmap};
 
 /// Pixels, row by row from the top left.
@@ -51,49 +53,6 @@ impl Raster {
     /// Returns a PNG as a data URL, which an SVG can show.
     pub(crate) fn address(&self) -> String {
         let png = self.pixmap().and_then(|pixmap| Ok(pixmap.encode_png()?)).unwrap_or_default();
-        format!("data:image/png;base64,{}", base64(&png))
-    }
-}
-
-/// Base64 as in RFC 4648, section 4.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for group in bytes.chunks(3) {
-        let word = group.iter().fold(0_u32, |word, byte| word << 8 | u32::from(*byte)) << (8 * (3 - group.len()));
-        for k in 0..4 {
-            let letter = LETTERS[(word >> (18 - 6 * k) & 63) as usize];
-            text.push(if k > group.len() { '=' } else { char::from(letter) });
-        }
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn base64_matches_rfc_examples() {
-        for (bytes, text) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(bytes.as_bytes()), text);
-        }
-        assert_eq!(base64(&[0xfb, 0xff]), "+/8=");
-    }
-
-    #[test]
-    fn image_with_wrong_byte_count_is_none() {
-        assert!(Raster::grey([2, 2], &[0; 3]).is_none() && Raster::rgb([1, 1], vec![0; 4]).is_none());
-        assert!(Raster::grey([0, 2], &[]).is_none());
-        let picture = Raster::grey([2, 1], &[0, 255]).unwrap();
-        assert_eq!(picture.pixmap().unwrap().pixels()[1].red(), 255);
+        format!("data:image/png;base64,{}", STANDARD.encode(png))
     }
 }
