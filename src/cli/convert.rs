@@ -91,7 +91,6 @@ fn station(text: &str) -> Result<(u8, String), String> {
 ///
 /// # Errors
 /// [`Failure`]: no output remains then, except images before the one that failed.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
@@ -115,10 +114,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(About { content: Content::Volume, .. }) => ("volume".to_owned(), arguments.volume(&changes)?),
         _ => arguments.recording(changes, is_session)?,
     };
-    println!("{}: {what} of {}", output.display(), input.display());
+    print_line!("{}: {what} of {}", output.display(), input.display());
     if arguments.anonymize {
         let names = if removed.is_empty() { "no field".to_owned() } else { removed.join(", ") };
-        println!("left out: {names}");
+        print_line!("left out: {names}");
     }
     Ok(())
 }

@@ -76,7 +76,6 @@ type FrameRange = std::ops::Range<u64>;
 ///
 /// # Errors
 /// [`Failure`]: nothing was written then.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let identifiers = arguments.identifiers.identifiers();
     identifiers.check()?;
@@ -90,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Content::Sequence => write_sweep(arguments, &identifiers)?,
         Content::Volume => write_volume(arguments, &identifiers)?,
     };
-    println!("{}: {summary}", output.display());
+    print_line!("{}: {summary}", output.display());
     Ok(())
 }
 

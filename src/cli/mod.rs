@@ -1,5 +1,8 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
+#[macro_use]
+mod print;
+
 pub mod calibrate;
 pub mod compare;
 pub mod convert;
@@ -10,7 +13,6 @@ mod igtl;
 pub mod inspect;
 pub mod live;
 pub mod phantom;
-mod print;
 mod progress;
 pub mod reconstruct;
 pub mod render;

@@ -443,28 +443,27 @@ impl Arguments {
 }
 
 /// Prints a report to stdout.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 fn report(arguments: &Arguments, scan: &Scan, grid: Option<&Grid>, kernel: &EffectiveKernel) {
-    println!("{}: {}", arguments.output.display(), arguments.describe(scan));
+    print_line!("{}: {}", arguments.output.display(), arguments.describe(scan));
     if let (Some(path), Some(grid)) = (&arguments.truth, grid) {
         let [nx, ny, nz] = grid.size;
         let [sx, sy, sz] = grid.spacing.to_array();
-        println!("{}: the truth, {nx}×{ny}×{nz} voxels of {sx}×{sy}×{sz} mm", path.display());
+        print_line!("{}: the truth, {nx}×{ny}×{nz} voxels of {sx}×{sy}×{sz} mm", path.display());
     }
     if let Some(path) = &arguments.truth_blurred {
         let [u, v, n] = kernel.sigma_mm();
-        println!(
+        print_line!(
             "{}: the truth blurred by a kernel of σ {u:.3}, {v:.3} and {n:.3} mm along u, v and the normal",
             path.display()
         );
     }
     if let Some(path) = &arguments.crossings {
-        println!("{}: crossings of wires with each frame, and landmarks", path.display());
+        print_line!("{}: crossings of wires with each frame, and landmarks", path.display());
     }
     if let Some(path) = &arguments.phantom {
-        println!("{}: the phantom; give it to `calibrate` with --phantom", path.display());
+        print_line!("{}: the phantom; give it to `calibrate` with --phantom", path.display());
     }
     if let Some(path) = &arguments.calibration {
-        println!("{}: the probe's calibration; give it to `reconstruct` with --config", path.display());
+        print_line!("{}: the probe's calibration; give it to `reconstruct` with --config", path.display());
     }
 }

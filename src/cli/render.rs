@@ -20,7 +20,7 @@ use view_flags::Mode;
 ///
 /// # Errors
 /// [`Failure`]: the picture that failed was not written then.
-#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+#[allow(clippy::print_stderr, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { volume, output, turntable, .. } = arguments;
     let look = arguments.look()?;
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let View { azimuth, elevation, roll, .. } = match contents {
         Contents::Planes(text) => {
-            println!("{}: {text}, of {}, in {:.0} ms", output.display(), volume.display(), wall_s * 1e3);
+            print_line!("{}: {text}, of {}, in {:.0} ms", output.display(), volume.display(), wall_s * 1e3);
             return Ok(());
         }
         Contents::Rays(view) => view,
@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None => output.display().to_string(),
         Some(turns) => format!("{} and on, {turns} pictures", numbered(output, 0).display()),
     };
-    println!(
+    print_line!(
         "{name}: {width}×{height} pixels of {}, {}, {}, from {azimuth}°, {elevation}°{}, in {:.0} ms",
         volume.display(),
         look.view.mode.name(),

@@ -1,5 +1,7 @@
 //! `phantom`: its outputs, and their use by the other commands.
 
+use std::process::Stdio;
+
 use super::place::Place;
 
 const SMALL: &str = "phantom --image-size 60x50 --pixel 0.5 --frames 20 --gap 0.5";
@@ -280,4 +282,17 @@ fn log_filter_shows_messages_of_its_level() {
     assert!(told.stderr.len() > quiet.stderr.len(), "{} {}", quiet.stderr, told.stderr);
     place.refuses("inspect s.mha --log a=b=c", &["--log a=b=c: "]);
     place.refuses("inspect s.mha --log warn,bogus", &["\"bogus\" is no level; give error, warn"]);
+}
+
+#[test]
+fn closed_pipe_is_no_error() {
+    let place = Place::new();
+    let mut command = crate::program();
+    command.args("phantom -o s.igs.mha --scene sphere --frames 4 --image-size 48x40".split(' '));
+    command.current_dir(place.path(".")).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut running = command.spawn().unwrap();
+    // The program prints after it has written the file.
+    drop(running.stdout.take());
+    let ended = running.wait_with_output().unwrap();
+    assert!(ended.status.success() && ended.stderr.is_empty(), "{}", String::from_utf8_lossy(&ended.stderr));
 }

@@ -50,18 +50,20 @@ pub(in crate::cli) fn run(
 ///
 /// # Errors
 /// [`Failure`]: the file that failed does not exist.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), Failure> {
     let Ended { bedside, finished, replayed, .. } = ended;
     let Finished { outcome, drawn, status, recording, .. } = finished;
-    println!("{}", status.ledger);
+    print_line!("{}", status.ledger);
     if let Some(found) = status.distortion.filter(|found| found.frames > 0) {
-        println!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);
+        print_line!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);
     }
     if let (Some(outcome), Some(quantiles)) = (outcome, status.capture_to_volume.quantiles()) {
-        println!(
+        print_line!(
             "{:.1} ms from capture to volume (median; p99 {:.1}, maximum {:.1}), {} voxels updated",
-            quantiles.median_ms, quantiles.p99_ms, quantiles.most_ms, outcome.voxels_updated
+            quantiles.median_ms,
+            quantiles.p99_ms,
+            quantiles.most_ms,
+            outcome.voxels_updated
         );
     }
     if let Some(outcome) = outcome {
@@ -70,18 +72,18 @@ pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), 
             (None, Some(recording)) => name_of(&recording.path),
             (None, None) => "devices, not recorded".into(),
         };
-        outputs.write_volumes(outcome, input, &|line| println!("{line}"), &say)?;
+        outputs.write_volumes(outcome, input, &|line| print_line!("{line}"), &say)?;
     } else if outputs.volume.is_some() || outputs.weights.is_some() || outputs.picture.is_some() {
         say("no slice was inserted: there is no volume and no picture");
     }
     if let (Some(path), Some(drawn)) = (&outputs.picture, drawn) {
         let over = Over { renderer: &drawn.renderer, background: bedside.picture.background, slice: None };
         over.write(&bedside.picture.draw, path)?;
-        println!("picture: {} ({} on the way)", path.display(), drawn.pictures);
+        print_line!("picture: {} ({} on the way)", path.display(), drawn.pictures);
     }
     if let Some(recording) = recording {
         let lost = recording.status.lost + recording.lost.total() + recording.after_end.total();
-        println!(
+        print_line!(
             "session: {} ({:.1} MB, {} messages{})",
             recording.path.display(),
             recording.status.file_bytes as f64 / 1e6,

@@ -15,7 +15,6 @@ use crate::cli::Failure;
 /// # Errors
 /// [`Failure`] before any work if the folder or names do not fit; else if a recording failed:
 /// the others' volumes are written then.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result<(), Failure> {
     let outputs = outputs(sequences, folder, &flags.beside.beside())?;
     let mut rows = vec![["recording", "frames", "voxels", "s", "volume"].map(str::to_owned)];
@@ -30,7 +29,7 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
             }
         });
     }
-    print!("\n{}", table(&rows));
+    print_line!("\n{}", table(&rows).trim_end());
     match failed {
         0 => Ok(()),
         n => Err(Failure(format!("{n} of {} recordings failed; the table says why", sequences.len()))),

@@ -25,7 +25,7 @@ pub(super) fn reconstruct(
 }
 
 /// Prints a short report to stdout, and notes for the user to stderr.
-#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     let Reconstructed { outcome, statistics, filled } = done;
 
@@ -38,7 +38,7 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     let grid = &statistics.grid;
     let [nx, ny, nz] = grid.size;
     let name = options.volume.as_ref().map_or_else(|| "the volume".into(), |path| path.display().to_string());
-    println!(
+    print_line!(
         "{name}: {nx}×{ny}×{nz} voxels of {} mm in {}, from {} of {} frames",
         grid.spacing.map(|s| s.to_string()).join("×"),
         outcome.world,
@@ -46,7 +46,7 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
         outcome.ledger.frames.total,
     );
     if let Some(ms) = &statistics.insert_ms {
-        println!(
+        print_line!(
             "{:.2} ms a slice (median; p99 {:.2}) by the {} path, {} voxels updated, {:.0} MB of {}, {} thread{}, {}",
             ms.median,
             ms.p99,
@@ -64,14 +64,14 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     }
     let [su, sv, sn] = statistics.sigma_mm;
     let [eu, ev, en] = statistics.sigma_effective_mm;
-    println!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
+    print_line!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
     if let Some(filled) = filled {
-        println!("{filled}");
+        print_line!("{filled}");
     }
     if let Some(path) = &options.beside.weights {
-        println!("weights: {}", path.display());
+        print_line!("weights: {}", path.display());
     }
     if let Some(path) = &options.beside.planes {
-        println!("middle planes: {}", path.display());
+        print_line!("middle planes: {}", path.display());
     }
 }

@@ -7,7 +7,7 @@ use statistics::PictureStatistics;
 use crate::app::replay::planes::PlanesStatistics;
 
 /// Prints the drawn pictures and their timings to stdout, and notes for the user to stderr.
-#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(super) fn of_rays(statistics: &PictureStatistics, path: Option<&Path>) {
     let PictureStatistics { slice_to_picture_ms, picture, .. } = statistics;
     for note in &picture.notes {
@@ -16,7 +16,7 @@ pub(super) fn of_rays(statistics: &PictureStatistics, path: Option<&Path>) {
     let Some(ms) = slice_to_picture_ms else { return };
     let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());
     let [width, height] = picture.image_size;
-    println!(
+    print_line!(
         "{name}: {width}×{height} pixels, {:.2} ms from slice to picture (median; p95 {:.2}, p99 {:.2}), {} cache of {:.0} MB",
         ms.median,
         ms.p95,
@@ -27,9 +27,8 @@ pub(super) fn of_rays(statistics: &PictureStatistics, path: Option<&Path>) {
 }
 
 /// Prints the drawn planes to stdout.
-#[allow(clippy::print_stdout, reason = "the command's output")]
 pub(super) fn of_planes(statistics: &PlanesStatistics, path: Option<&Path>) {
     let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());
     let of = if statistics.from == "raw" { "the nearest slices" } else { "the volume" };
-    println!("{name}: {}, of {of}", statistics.picture);
+    print_line!("{name}: {}, of {of}", statistics.picture);
 }
