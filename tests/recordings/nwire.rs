@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 use glam::{DAffine3, DVec2};
 use libtest_mimic::Failed;
@@ -131,8 +132,14 @@ fn run(phantom: &Path, sequence: &Path, more: &[&str]) -> Result<Output, Failed>
     Ok(command.output()?)
 }
 
+/// Returns report and calibration of the calibration command, which runs once for all tests.
+fn report_and_plane(folder: &Path) -> Result<(Value, ImagePlane), Failed> {
+    static ONCE: OnceLock<Result<(Value, ImagePlane), Failed>> = OnceLock::new();
+    ONCE.get_or_init(|| calibrate(folder)).clone()
+}
+
 /// Runs the calibration command; returns its report and the calibration that it wrote.
-fn command(folder: &Path) -> Result<(Value, ImagePlane), Failed> {
+fn calibrate(folder: &Path) -> Result<(Value, ImagePlane), Failed> {
     let out = tempfile::tempdir()?;
     let [calibration, report] = ["calibration.toml", "report.json"].map(|name| out.path().join(name));
     let [validation, output, json] = [&folder.join(VALIDATION), &calibration, &report].map(|p| p.display().to_string());
@@ -158,7 +165,7 @@ fn number(value: &Value) -> Result<f64, Failed> {
 
 fn dots(folder: &Path) -> Result<(), Failed> {
     let (layout, _) = phantom(folder)?;
-    let (report, _) = command(folder)?;
+    let (report, _) = report_and_plane(folder)?;
     let plus = of_plus(folder, "CalibrationData", &layout)?;
     let used = number(&report["frames"]["used"])?;
     assert!(used >= 0.95 * plus.sightings.len() as f64, "{used}");
@@ -183,7 +190,7 @@ fn dots(folder: &Path) -> Result<(), Failed> {
 
 fn calibrated(folder: &Path) -> Result<(), Failed> {
     let (layout, settings) = phantom(folder)?;
-    let (report, plane) = command(folder)?;
+    let (report, plane) = report_and_plane(folder)?;
     let of = |key: &str| number(&report[key]["mean"]);
     assert!(of("validation_error_mm")? <= 1.0, "{}", report["validation_error_mm"]["mean"]);
     assert!(of("error_mm")? <= of("validation_error_mm")?);
