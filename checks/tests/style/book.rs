@@ -21,8 +21,7 @@ fn pages(sources: &Sources) -> impl Iterator<Item = &Source> {
         .filter(move |source| source.path.ends_with(".md") && (source.path == "README.md" || is_page(&source.path)))
 }
 
-/// Returns the lines of a page that are no code, with their numbers. Code between backticks is
-/// left out unless it is within a link.
+/// Returns the lines of a page outside of its blocks of code, with their numbers.
 fn prose(page: &Source) -> Vec<(usize, &'static str)> {
     let mut is_code = false;
     let mut kept = Vec::new();
@@ -72,7 +71,9 @@ fn resolved(page: &str, target: &str) -> String {
     parts.pop();
     for part in target.split('/') {
         match part {
-            ".." => drop(parts.pop()),
+            ".." => {
+                parts.pop();
+            }
             "." => {}
             part => parts.push(part),
         }

@@ -2,7 +2,6 @@
 
 use std::fs;
 
-use calibration::file::CalibrationFile;
 use render::classify::transfer::Transfer;
 use toml::{Table, Value};
 
@@ -41,9 +40,9 @@ fn add(to: &mut Table, part: Table) {
 /// least that it needs besides.
 fn refused(text: &str) -> Option<String> {
     let path = Path::new("fence.toml");
-    let shown: Table = match text.parse() {
+    let shown = match text.parse::<Table>() {
         Ok(shown) => shown,
-        Err(error) => return Some(toml::de::Error::to_string(&error)),
+        Err(error) => return Some(error.to_string()),
     };
     match shown.get("format").and_then(Value::as_str) {
         Some("sonoweave-calibration") => CalibrationFile::parse(path, text).err().map(|e| e.to_string()),
