@@ -19,7 +19,8 @@ fn commands(text: &str) -> Vec<QuotedCommand> {
     let mut all = Vec::new();
     let mut in_block = false;
     for line in text.lines() {
-        if line.starts_with("```") {
+        // A block within a list is indented.
+        if line.trim_start().starts_with("```") {
             in_block = !in_block;
         } else if in_block {
             all.push((line.trim_start().trim_start_matches("$ "), true));
@@ -103,7 +104,7 @@ fn documented_commands_are_understood() {
 
 #[test]
 fn invalid_commands_are_detected() {
-    let text = "Say `sonoweave live --key` or:\n```\n$ sonoweave devices --watch   # all\nsonoweave: no\n$ sudo -u sonoweave sonoweave phantom > f\n```\n";
+    let text = "Say `sonoweave live --key` or:\n```\n$ sonoweave devices --watch   # all\nsonoweave: no\n```\n1. Or:\n   ```\n   $ sudo -u sonoweave sonoweave phantom > f\n   ```\n";
     let told = commands(text);
     let seen: Vec<_> = told.iter().map(|told| (told.command.as_str(), told.whole)).collect();
     assert_eq!(

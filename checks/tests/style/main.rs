@@ -1,8 +1,9 @@
 //! Checks the text and the structure of the sources: comments, names, lengths, modules,
-//! layers, crates.
+//! layers, crates, and the documents.
 //!
 //! Each test reads the whole repository and lists all its findings, as `file:line: sentence`.
 
+mod book;
 mod comments;
 mod crates;
 mod cycles;
@@ -21,10 +22,13 @@ use std::sync::LazyLock;
 use findings::{Finding, report};
 use sources::Sources;
 
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository's root")
+}
+
 /// The repository's files, read once for all tests.
 static SOURCES: LazyLock<Sources> = LazyLock::new(|| {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository's root");
-    let sources = Sources::read(root);
+    let sources = Sources::read(root());
     assert!(sources.rust().count() > 100, "only {} Rust files found", sources.rust().count());
     sources
 });
@@ -81,4 +85,19 @@ fn application_is_below_command_line() {
 #[test]
 fn names_avoid_retired_words() {
     report(SOURCES.rust().flat_map(names::retired).collect());
+}
+
+#[test]
+fn links_of_documents_lead_somewhere() {
+    report(book::links(&SOURCES, |path| root().join(path).exists()));
+}
+
+#[test]
+fn pages_are_in_table_of_contents() {
+    report(book::contents(&SOURCES));
+}
+
+#[test]
+fn explained_messages_are_in_sources() {
+    report(book::messages(&SOURCES));
 }

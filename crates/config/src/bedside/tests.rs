@@ -1,5 +1,6 @@
 //! Tests of session configurations.
 
+mod documents;
 mod presets;
 
 use std::collections::BTreeSet;
