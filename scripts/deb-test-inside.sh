@@ -88,7 +88,14 @@ check "systemd understands the unit" silent systemd-analyze verify sonoweave.ser
 check "the service is not enabled" is "$(systemctl is-enabled sonoweave || true)" disabled
 check "its user has the devices' groups" is "$(id -Gn sonoweave | tr ' ' '\n' | sort | xargs)" "dialout plugdev sonoweave video"
 
-# With the shipped configuration, whose hardware is absent.
+# The shipped configuration has no calibration.
+refuses() { ! systemctl start sonoweave && journalctl --no-pager -u sonoweave | grep "$1"; }
+check "without a calibration it refuses, and says so" refuses 'calibrate probe'
+systemctl stop sonoweave
+systemctl reset-failed sonoweave
+# With one, and without its hardware.
+sed 's/^provenance = .*/provenance = "a test"/' /usr/share/doc/sonoweave/examples/probe.toml >/etc/sonoweave/probe.toml
+sed -i 's/^#file = "probe.toml".*/file = "probe.toml"/' /etc/sonoweave/bedside.toml
 check "it starts without its hardware" systemctl start sonoweave
 status() {
     exec 3<>"/dev/tcp/127.0.0.1/9110"
@@ -105,6 +112,7 @@ check "it stops" systemctl stop sonoweave
 check "well" shown Result success
 
 # At a virtual bedside.
+rm /etc/sonoweave/probe.toml
 {
     cat /virtual.toml
     printf '\n[record]\nfolder = "/var/lib/sonoweave/sessions"\n\n[status]\nlisten = "127.0.0.1:9110"\n'
