@@ -74,7 +74,7 @@ fn judge(scene: &Scene, found: &MaskFound) -> Option<f64> {
 }
 
 /// Checks that every picture that is recognised is within [`MOST_PX`], and that at most
-/// `most_unsure` of `all` are not. Of the scenes, a third is tried, and all with
+/// `most_unsure` of `all` are not. A third of the scenes is tried, and all of them with
 /// `SONOWEAVE_STRESS=full` (`make stress`).
 fn check(kind: Kind, all: u64, most_unsure: u64) {
     let is_full = std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full");
