@@ -92,7 +92,8 @@ check "its user has the devices' groups" is "$(id -Gn sonoweave | tr ' ' '\n' | 
 refuses() { ! systemctl start sonoweave && journalctl --no-pager -u sonoweave | grep "$1"; }
 check "without a calibration it refuses, and says so" refuses 'calibrate probe'
 systemctl stop sonoweave
-systemctl reset-failed sonoweave
+# A unit that systemd has forgotten has no failures.
+systemctl reset-failed sonoweave 2>/dev/null || true
 # With one, and without its hardware.
 sed 's/^provenance = .*/provenance = "a test"/' /usr/share/doc/sonoweave/examples/probe.toml >/etc/sonoweave/probe.toml
 sed -i 's/^#file = "probe.toml".*/file = "probe.toml"/' /etc/sonoweave/bedside.toml
