@@ -47,7 +47,6 @@ stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
 	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test borders
-	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test recordings sameness
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test steady
 
