@@ -50,6 +50,12 @@ impl Arena {
         self.chunks.len() * self.per_chunk
     }
 
+    /// Bytes of chunks beyond the first `pieces`, with the chunk that is being prepared.
+    pub(crate) fn growth_bytes(&self, pieces: usize) -> u64 {
+        let next = if self.next.is_some() { self.per_chunk } else { 0 };
+        ((self.capacity() - pieces.min(self.capacity()) + next) * self.piece_bytes) as u64
+    }
+
     /// Ensures that there is room for `pieces`.
     ///
     /// # Errors

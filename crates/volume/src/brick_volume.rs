@@ -375,11 +375,15 @@ impl Voxels for BrickVolume {
         Box::new(self.places.iter().copied())
     }
 
-    /// Memory prepared in advance comes on top, at most 32 MiB.
     fn bytes(&self) -> u64 {
         let bricks = self.places.len() * self.brick_bytes() as usize;
         let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
         (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
+    }
+
+    fn growth_bytes(&self) -> u64 {
+        let arenas = [&self.bricks, &self.stamps, &self.ages];
+        arenas.into_iter().map(|arena| arena.growth_bytes(self.places.len())).sum()
     }
 }
 
@@ -434,6 +438,11 @@ mod tests {
             volume.find_or_insert([far * 10_000_000, 0, 0]);
         }
         assert!(volume.bytes() <= 64 * (4096 + 2100 + 64), "{}", volume.bytes());
+        // All chunks, used or not: what the process holds.
+        let held = |chunks: u64| chunks * CHUNK as u64 * 4096;
+        assert_eq!(volume.growth_bytes() + 64 * 4096, held(1));
+        volume.reserve(CHUNK / 2 + 1).unwrap();
+        assert_eq!(volume.growth_bytes() + 64 * 4096, held(2), "the next chunk is being prepared");
     }
 
     #[test]

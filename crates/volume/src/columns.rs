@@ -281,6 +281,10 @@ impl Voxels for ColumnVolume {
             + self.share.capacity() * size_of::<f32>();
         self.places.len() as u64 * self.tile_bytes() + tables as u64
     }
+
+    fn growth_bytes(&self) -> u64 {
+        self.arena.growth_bytes(self.places.len())
+    }
 }
 
 #[cfg(test)]

@@ -38,6 +38,11 @@ pub trait Voxels: Sync {
 
     /// Bytes used.
     fn bytes(&self) -> u64;
+
+    /// Bytes that are held for the volume to grow, beyond those used.
+    fn growth_bytes(&self) -> u64 {
+        0
+    }
 }
 
 /// Values and weights on a lattice, for renderers: computed from sums, or read from a file.

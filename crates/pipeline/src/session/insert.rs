@@ -89,7 +89,8 @@ impl OutcomeSink for OutcomeReporter<'_> {
         self.pending.note(inserted, times.map(|times| times.captured_ns));
         let mut status = status.lock();
         status.volume = self.pending.extent();
-        status.memory.volume_bytes = inserted.reconstructor.volume().bytes();
+        let volume = inserted.reconstructor.volume();
+        (status.memory.volume_bytes, status.memory.growth_bytes) = (volume.bytes(), volume.growth_bytes());
         status.ledger.used();
         let path = inserted.reconstructor.path().name();
         if status.path != Some(path) {
@@ -175,7 +176,7 @@ impl Inserting<'_> {
                     inserter.clear(reporter)?;
                     reporter.pending.clear();
                     let mut status = reporter.common.status.lock();
-                    (status.volume, status.memory.volume_bytes) = (None, 0);
+                    (status.volume, status.memory.volume_bytes, status.memory.growth_bytes) = (None, 0, 0);
                     drop(status);
                     Ok(())
                 })?;

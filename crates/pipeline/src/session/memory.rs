@@ -8,6 +8,8 @@ use serde::Serialize;
 pub struct MemoryByOwner {
     /// The volume: sums and weights of its bricks or columns.
     pub volume_bytes: u64,
+    /// Memory that is prepared for the volume to grow.
+    pub growth_bytes: u64,
     /// The renderer's values, weights and shaded voxels.
     pub render_voxel_bytes: u64,
     /// The renderer's rays and their caches.
@@ -22,16 +24,15 @@ pub struct MemoryByOwner {
 
 impl MemoryByOwner {
     /// Returns names and values of the owners.
-    pub fn owners(&self) -> [(&'static str, u64); 6] {
-        let Self { volume_bytes, render_voxel_bytes, render_ray_bytes, queue_bytes, recorder_bytes, prepared_bytes } =
-            *self;
+    pub fn owners(&self) -> [(&'static str, u64); 7] {
         [
-            ("volume", volume_bytes),
-            ("render_voxels", render_voxel_bytes),
-            ("render_rays", render_ray_bytes),
-            ("queues", queue_bytes),
-            ("recorder", recorder_bytes),
-            ("prepared", prepared_bytes),
+            ("volume", self.volume_bytes),
+            ("growth", self.growth_bytes),
+            ("render_voxels", self.render_voxel_bytes),
+            ("render_rays", self.render_ray_bytes),
+            ("queues", self.queue_bytes),
+            ("recorder", self.recorder_bytes),
+            ("prepared", self.prepared_bytes),
         ]
     }
 
