@@ -48,8 +48,10 @@ jitter_ms = 2.0
 dropout = 0.0005
 "#;
 
-/// Permitted fluctuation: page tables, and the arenas of threads that serve clients.
-const SLACK_BYTES: u64 = 8 << 20;
+/// Permitted fluctuation: page tables, the arenas of threads that serve clients, and rays of other
+/// views. Twice the growth of twenty minutes beside other programs; 250 bytes of each of their
+/// frames would be more.
+const SLACK_BYTES: u64 = 16 << 20;
 
 fn resident_bytes(pid: u32) -> Option<u64> {
     let statm = std::fs::read_to_string(format!("/proc/{pid}/statm")).ok()?;
@@ -186,6 +188,8 @@ fn long_session_is_constant_complete_and_repeatable() {
     let most = |part: &[u64]| part.iter().copied().max().unwrap_or(0);
     let (early, late) = (most(&held[begin..begin + half]), most(&held[begin + half..]));
     let owned: u64 = stats["memory"].as_object().unwrap().values().map(|bytes| bytes.as_u64().unwrap()).sum();
+    // Positions of slices are kept for measurements, up to a limit.
+    let grows = stats["memory"]["observer_bytes"].as_u64().unwrap();
     println!(
         "{seconds} s, {faults} faults: {early} bytes at most after the first minute or third, {late} in the last \
          half of the rest, {owned} of known owners; frames {frames}; {viewed} pictures on the page; lost before \
@@ -194,8 +198,8 @@ fn long_session_is_constant_complete_and_repeatable() {
     );
     assert!(faults >= 4 && viewed > 0, "{faults} faults, {viewed} pictures");
     // A session of some seconds has hardly warmed up where other programs take the processors.
-    let slack = if seconds < 60 { 4 * SLACK_BYTES } else { SLACK_BYTES };
-    assert!(late <= early + slack, "{early} bytes, then {late}");
+    let slack = if seconds < 60 { 2 * SLACK_BYTES } else { SLACK_BYTES };
+    assert!(late <= early + grows + slack, "{early} bytes, then {late}; {grows} of positions");
     assert!(late <= 2 * owned + PROGRAM_BYTES, "{late} bytes, {owned} of known owners");
     // The recording gives the same.
     let [recording] = <[_; 1]>::try_from(Vec::from_iter(std::fs::read_dir(place.path().join("sessions")).unwrap()))

@@ -7,6 +7,7 @@
 mod error;
 mod figure;
 mod place;
+mod positions;
 pub mod sources;
 #[cfg(test)]
 mod tests;

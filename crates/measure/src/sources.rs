@@ -1,6 +1,5 @@
 //! The slices that contributed to a place of the volume.
 
-use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::{DAffine3, DVec2, DVec3};
@@ -8,29 +7,18 @@ use serde::Serialize;
 
 use pipeline::Observer;
 use reconstruct::kernel::AxisKernel;
-use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::slice::Slice;
 
 use super::MeasureError;
 use super::place::MOST_MM;
+use super::positions::{Placed, Positions};
 
-/// Largest number of stored slice positions: nearly two hours at 60 a second, some 60 MB.
-const MOST: usize = 400_000;
 /// Largest number of reported slices of a place, those with the largest weights.
 const MOST_LISTED: usize = 64;
 /// Distance within which a neighbouring slice counts, in reaches of the kernel.
 const BEYOND: f64 = 2.0;
 /// Number of successive slices that are skipped together.
 const GROUP: usize = 32;
-
-/// Position of a slice.
-#[derive(Debug, Clone, Copy)]
-struct Placed {
-    item: u64,
-    time_ns: i64,
-    world_from_image: Transform<World, Image>,
-    size: [u32; 2],
-}
 
 impl Placed {
     /// Returns a ball around the image.
@@ -141,8 +129,7 @@ pub struct Sources {
 struct Log {
     /// The kernel across the plane, if known.
     across: Option<AxisKernel>,
-    slices: VecDeque<Placed>,
-    forgotten: u64,
+    slices: Positions,
     first_ns: Option<i64>,
 }
 
@@ -174,6 +161,11 @@ impl Slices {
 
     fn log(&self) -> MutexGuard<'_, Log> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the memory in use, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.log().slices.bytes()
     }
 
     /// Returns the number of stored slices.
@@ -244,11 +236,11 @@ impl Slices {
         }
         let first_ns = log.first_ns.unwrap_or_default();
         let mut found: Vec<(f64, Source)> = Vec::new();
-        for slice in &log.slices {
+        for slice in log.slices.iter() {
             let Some(source) = reaching(slice, at, &across, first_ns) else { continue };
             found.push((across.weight(source.off_mm), source));
         }
-        let forgotten = log.forgotten;
+        let forgotten = log.slices.forgotten();
         drop(log);
         let all: f64 = found.iter().map(|(weight, _)| weight).sum();
         found.sort_by(|(a, one), (b, other)| b.total_cmp(a).then(one.frame.cmp(&other.frame)));
@@ -273,6 +265,10 @@ fn reaching(slice: &Placed, at: DVec3, across: &AxisKernel, first_ns: i64) -> Op
 }
 
 impl Observer for Slices {
+    fn held_bytes(&self) -> u64 {
+        self.bytes()
+    }
+
     fn cleared(&self) {
         let mut log = self.log();
         *log = Log { across: log.across.take(), ..Log::default() };
@@ -282,11 +278,7 @@ impl Observer for Slices {
         let Slice { image, time_ns, world_from_image } = slice;
         let mut log = self.log();
         log.first_ns.get_or_insert(*time_ns);
-        if log.slices.len() >= MOST {
-            log.slices.pop_front();
-            log.forgotten += 1;
-        }
         let size = [image.width(), image.height()];
-        log.slices.push_back(Placed { item, time_ns: *time_ns, world_from_image: *world_from_image, size });
+        log.slices.push(Placed { item, time_ns: *time_ns, world_from_image: *world_from_image, size });
     }
 }

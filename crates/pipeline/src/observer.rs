@@ -73,6 +73,11 @@ pub trait Observer: Send + Sync {
         Ok(())
     }
 
+    /// Memory that the observer keeps for the session, bytes.
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
     /// The volume was cleared: it no longer contains earlier slices.
     fn cleared(&self) {}
 }

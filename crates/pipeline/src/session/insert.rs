@@ -87,8 +87,10 @@ impl OutcomeSink for OutcomeReporter<'_> {
             insert_ms.push(inserted.insert.as_secs_f64() * 1e3);
         }
         self.pending.note(inserted, times.map(|times| times.captured_ns));
+        let observer_bytes = observers.iter().map(|observer| observer.held_bytes()).sum();
         let mut status = status.lock();
         status.volume = self.pending.extent();
+        status.memory.observer_bytes = observer_bytes;
         let volume = inserted.reconstructor.volume();
         (status.memory.volume_bytes, status.memory.growth_bytes) = (volume.bytes(), volume.growth_bytes());
         status.ledger.used();

@@ -18,13 +18,15 @@ pub struct MemoryByOwner {
     pub queue_bytes: u64,
     /// Messages that wait in the recorder for the disk.
     pub recorder_bytes: u64,
+    /// Observers' records of the session: positions of slices, for measurements.
+    pub observer_bytes: u64,
     /// Frames that a virtual grabber rendered before the session.
     pub prepared_bytes: u64,
 }
 
 impl MemoryByOwner {
     /// Returns names and values of the owners.
-    pub fn owners(&self) -> [(&'static str, u64); 7] {
+    pub fn owners(&self) -> [(&'static str, u64); 8] {
         [
             ("volume", self.volume_bytes),
             ("growth", self.growth_bytes),
@@ -32,6 +34,7 @@ impl MemoryByOwner {
             ("render_rays", self.render_ray_bytes),
             ("queues", self.queue_bytes),
             ("recorder", self.recorder_bytes),
+            ("observers", self.observer_bytes),
             ("prepared", self.prepared_bytes),
         ]
     }
