@@ -2,7 +2,7 @@
 # Tests a release. It is made here and in a clone in another folder, by another user's habits, with
 # the same bytes. The program of the tarball names no path of this machine and needs no library. It
 # runs a demo, replays it and reconstructs a sweep on a bare Debian 12, on another Debian, and in an
-# empty folder, each without anything installed and with the same bits as here.
+# empty folder. Nothing is installed there, and the bits are those of the package's program.
 #
 #   scripts/release-test.sh
 #
@@ -52,12 +52,12 @@ commands='set -eu
 cd /tmp
 sonoweave=$1
 $sonoweave --version
-$sonoweave demo --headless --duration 4 --out demo 2>log || { cat log; exit 1; }
-$sonoweave replay demo/SESSION-*.mcap --volume again.mha 2>log || { cat log; exit 1; }
+$sonoweave demo --headless --duration 4 --out demo >log 2>&1 || { cat log; exit 1; }
+$sonoweave replay demo/SESSION-*.mcap -o again.mha >log 2>&1 || { cat log; exit 1; }
 cmp demo/volume.mha again.mha
-$sonoweave phantom -o sweep.igs.mha --scene blobs --seed 1 2>log || { cat log; exit 1; }
-$sonoweave reconstruct sweep.igs.mha -o sweep.mha 2>log || { cat log; exit 1; }
-$sonoweave render sweep.mha -o sweep.png 2>log || { cat log; exit 1; }
+$sonoweave phantom -o sweep.igs.mha --scene blobs --seed 1 >log 2>&1 || { cat log; exit 1; }
+$sonoweave reconstruct sweep.igs.mha -o sweep.mha >log 2>&1 || { cat log; exit 1; }
+$sonoweave render sweep.mha -o sweep.png >log 2>&1 || { cat log; exit 1; }
 sha256sum sweep.mha sweep.png'
 # in_root NAME COMMAND…: runs a command in a folder, whose mounts end with it.
 in_root() {
@@ -69,7 +69,7 @@ in_root() {
         shift
         mount -t proc proc "$root/proc"
         mount --rbind /dev "$root/dev"
-        exec chroot "$root" env -i PATH=/usr/bin:/bin "$@"
+        exec env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin chroot "$root" "$@"
     ' release-test "$root" "$@"
 }
 try() {
