@@ -1,7 +1,8 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
-	console-test reach console-cost console-reach paper pareto numbers deb deb-test fresh-machine
+	console-test reach console-cost console-reach paper pareto numbers deb deb-test release release-test \
+	deny fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -171,6 +172,23 @@ deb:
 deb-test:
 	@scripts/setup.sh package
 	scripts/deb-test.sh
+
+# Makes a release of the last commit in out/release: the package, a static program in a tarball,
+# lists of their crates, the version's changes and SHA256SUMS.
+release:
+	@scripts/setup.sh release
+	scripts/release.sh
+
+# Tests, as root, that a release has the same bytes from another folder, and that its program runs
+# on a bare Debian 12, on another Debian and in an empty folder. It takes two builds.
+release-test:
+	@scripts/setup.sh release
+	scripts/release-test.sh
+
+# Compares the crates with deny.toml, and with the advisories of RustSec, by cargo-deny. It fails
+# where the advisories cannot be fetched, unless DENY_OPTIONAL=1. `make style` checks the rest.
+deny: setup
+	scripts/deny.sh
 
 # Tests, as root and on a bare Debian 12 in a folder, that demo and test need only git, make, curl
 # and Rust.

@@ -1,4 +1,4 @@
-# Makes a bare Debian 12 in a folder. To be sourced by scripts that have functions `say` and `fail`.
+# Makes a bare Debian in a folder. To be sourced by scripts that have functions `say` and `fail`.
 # SONOWEAVE_DEBIAN_MIRROR names a mirror other than debootstrap's own choice.
 
 # install_here PACKAGE COMMAND: installs a package on this machine if the command is missing.
@@ -22,12 +22,13 @@ remove_machines() {
     for name in "$@"; do rm -rf --one-file-system "${place:?}/$name"; done
 }
 
-# bare_debian ROOT LOG PACKAGE,PACKAGE,…: makes it with these packages. It has this machine's way to
-# the network: names, certificates, proxies and apt's settings for fetching.
+# bare_debian ROOT LOG PACKAGE,PACKAGE,… [SUITE]: makes it with these packages, of Debian 12 or
+# another suite. It has this machine's way to the network: names, certificates, proxies and apt's
+# settings for fetching.
 bare_debian() {
-    local root=$1 log=$2 packages=$3 bundle
+    local root=$1 log=$2 packages=$3 suite=${4:-bookworm} bundle
     install_here debootstrap debootstrap
-    debootstrap --variant=minbase --include="$packages" bookworm "$root" ${SONOWEAVE_DEBIAN_MIRROR:-} >"$log" 2>&1 || {
+    debootstrap --variant=minbase --include="$packages" "$suite" "$root" ${SONOWEAVE_DEBIAN_MIRROR:-} >"$log" 2>&1 || {
         tail -5 "$log" >&2
         fail "debootstrap failed; its log is $log"
     }

@@ -65,6 +65,7 @@ for drawn in docs/phantom/nwire.*; do put "$drawn" "$documents/phantom/${drawn##
 put packaging/debian/copyright "$documents/copyright"
 pack packaging/debian/changelog "$documents/changelog.Debian"
 pack "$place/made/licences.txt" "$documents/licences.txt"
+pack "$place/made/sbom.cdx.json" "$documents/sbom.cdx.json"
 for page in docs/*.md; do pack "$page" "$documents/${page##*/}"; done
 
 # dpkg's tools look for debian/control and debian/changelog in the current folder.

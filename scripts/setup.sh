@@ -2,9 +2,10 @@
 # Installs the Debian packages that building and testing need and the machine lacks. Rust must be
 # there (https://rustup.rs).
 #
-#   scripts/setup.sh [package|interop|console]
+#   scripts/setup.sh [package|release|interop|console]
 #
 # package: the tools that make a Debian package.
+# release: those, the C compiler for static programs, and Rust's library for them, by rustup.
 # interop: Python environments, a verifier and an archive for DICOM, and OpenIGTLink's reference
 #   library. Debian starts the archive's service on systems with systemd;
 #   `systemctl disable --now orthanc` ends it.
@@ -21,7 +22,15 @@ missing=""
 need() { [ -e "$2" ] || missing="$missing $1"; }
 command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
-[ "${1:-}" != package ] || need dpkg-dev /usr/bin/dpkg-shlibdeps
+case ${1:-} in package | release) need dpkg-dev /usr/bin/dpkg-shlibdeps ;; esac
+if [ "${1:-}" = release ]; then
+    need musl-tools /usr/bin/musl-gcc
+    static=$(rustc -vV | sed -n 's/^host: \(.*\)-gnu$/\1-musl/p')
+    [ -d "$(rustc --print target-libdir --target "$static")" ] || rustup target add "$static" || {
+        echo "setup: Rust's library for $static is needed and could not be installed; see \`rustup target add\`" >&2
+        exit 1
+    }
+fi
 # Debian's Python lacks the module that makes environments.
 [ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy

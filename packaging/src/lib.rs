@@ -1,5 +1,5 @@
 //! Additional files of a package, made from the program's own definitions: manual pages,
-//! completions of its command line, and the licences of the linked crates.
+//! completions of its command line, the linked crates' licences, and the list of all crates.
 //!
 //! None of these files is committed, so none can be out of date: `scripts/deb.sh` runs the binary
 //! of this crate for every package.
@@ -7,6 +7,7 @@
 pub mod completions;
 pub mod manual;
 pub mod notices;
+pub mod sbom;
 
 use clap::CommandFactory;
 use sonoweave::cli;

@@ -1,11 +1,14 @@
-//! `sonoweave-packaging FOLDER MACHINE`: writes manual pages, completions and licences to a
-//! folder, for a program built for MACHINE (rustc's target name).
+//! `sonoweave-packaging FOLDER MACHINE`: writes manual pages, completions, licences and the
+//! list of crates to a folder, for a program built for MACHINE (rustc's target name).
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
 
-use sonoweave_packaging::{Document, command_line, completions, manual, notices};
+use sonoweave_packaging::{Document, command_line, completions, manual, notices, sbom};
+
+/// Package of the program.
+const PROGRAM: &str = "sonoweave";
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1);
@@ -29,9 +32,12 @@ fn write(folder: &Path, machine: &str) -> io::Result<()> {
     put(&folder.join("man"), manual::pages(&command)?)?;
     put(&folder.join("completions"), completions::all(&command))?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let linked = notices::linked(&notices::metadata(&root, machine)?, "sonoweave")?;
-    let content = notices::notices(&linked)?.into_bytes();
-    put(folder, vec![Document { name: "licences.txt".into(), content }])
+    let metadata = notices::metadata(&root, machine)?;
+    let licences = notices::notices(&notices::linked(&metadata, PROGRAM)?)?.into_bytes();
+    let lock = fs::read_to_string(root.join("Cargo.lock"))?;
+    let crates = sbom::sbom(&lock, &metadata, PROGRAM)?;
+    let documents = [("licences.txt", licences), ("sbom.cdx.json", crates)];
+    put(folder, documents.map(|(name, content)| Document { name: name.into(), content }).into())
 }
 
 fn put(folder: &Path, documents: Vec<Document>) -> io::Result<()> {

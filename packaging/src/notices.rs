@@ -35,11 +35,11 @@ pub fn metadata(root: &Path, machine: &str) -> io::Result<Metadata> {
     MetadataCommand::new().current_dir(root).other_options(options).exec().map_err(io::Error::other)
 }
 
-/// Returns the third-party crates that `package` is linked with, by name and version.
+/// Returns the packages that `package` is linked with, itself and the workspace's included.
 ///
 /// # Errors
 /// If the workspace has no such package.
-pub fn linked(metadata: &Metadata, package: &str) -> io::Result<Vec<Linked>> {
+pub fn reached<'a>(metadata: &'a Metadata, package: &str) -> io::Result<Vec<&'a Package>> {
     let Metadata { packages, resolve, .. } = metadata;
     let begin = packages.iter().find(|p| p.name == package && p.source.is_none());
     let begin = begin.ok_or_else(|| io::Error::other(format!("there is no package {package} in the workspace")))?;
@@ -56,10 +56,16 @@ pub fn linked(metadata: &Metadata, package: &str) -> io::Result<Vec<Linked>> {
         let normal = |edge: &&NodeDep| edge.dep_kinds.iter().any(|kind| kind.kind == DependencyKind::Normal);
         ahead.extend(edges.get(id).copied().unwrap_or_default().iter().filter(normal).map(|edge| &edge.pkg));
     }
-    let mut all: Vec<Linked> = seen
-        .into_iter()
-        .filter_map(|id| of_id.get(id))
-        .filter(|package| package.source.is_some())
+    Ok(seen.into_iter().filter_map(|id| of_id.get(id).copied()).collect())
+}
+
+/// Returns the third-party crates that `package` is linked with, by name and version.
+///
+/// # Errors
+/// If the workspace has no such package.
+pub fn linked(metadata: &Metadata, package: &str) -> io::Result<Vec<Linked>> {
+    let others = reached(metadata, package)?.into_iter().filter(|package| package.source.is_some());
+    let mut all: Vec<Linked> = others
         .map(|package| Linked {
             name: format!("{} {}", package.name, package.version),
             licence: package.license.clone().unwrap_or_else(|| "as its text says".into()),

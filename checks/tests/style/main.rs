@@ -14,6 +14,7 @@ mod modules;
 mod names;
 mod prose;
 mod resolve;
+mod sockets;
 mod sources;
 
 use std::path::Path;
@@ -80,6 +81,11 @@ fn crates_depend_on_crates_above() {
 #[test]
 fn application_is_below_command_line() {
     report(layers::check(&SOURCES));
+}
+
+#[test]
+fn sockets_are_where_documented() {
+    report(sockets::check(&SOURCES));
 }
 
 #[test]

@@ -220,12 +220,11 @@ fn all_usual() -> io::Result<()> {
 
 /// Sets a thread's policy and priority; 0 is the calling thread.
 fn schedule(thread: libc::pid_t, policy: libc::c_int, priority: libc::c_int) -> io::Result<()> {
-    let parameters = libc::sched_param { sched_priority: priority };
-    // SAFETY: the call reads one `sched_param` from the address, and no other memory of this
-    // process. The address is that of a value of this type on this stack, which outlives the
-    // call. The kernel checks thread, policy and priority. The call is by number, since musl has
-    // no such function for threads.
-    let result = unsafe { libc::syscall(libc::SYS_sched_setscheduler, thread, policy, &raw const parameters) };
+    // SAFETY: the call reads the kernel's `sched_param` from the address, which is one int, and no
+    // other memory of this process. The address is that of an int on this stack, which outlives
+    // the call. The kernel checks thread, policy and priority. The call is by number, since musl
+    // has no such function for threads, and its `sched_param` has further fields.
+    let result = unsafe { libc::syscall(libc::SYS_sched_setscheduler, thread, policy, &raw const priority) };
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
@@ -263,13 +262,13 @@ mod tests {
 
     /// Returns policy, with its flag, and priority of the calling thread.
     fn own() -> (libc::c_int, libc::c_int) {
-        let mut parameters = libc::sched_param { sched_priority: -1 };
-        // SAFETY: the first call reads nothing of this process's memory; the second writes one
-        // `sched_param` to a value of this type on this stack.
+        let mut priority: libc::c_int = -1;
+        // SAFETY: the first call reads nothing of this process's memory; the second writes the
+        // kernel's `sched_param`, which is one int, to an int on this stack.
         unsafe {
             let policy = libc::syscall(libc::SYS_sched_getscheduler, 0);
-            assert_eq!(libc::syscall(libc::SYS_sched_getparam, 0, &raw mut parameters), 0);
-            (libc::c_int::try_from(policy).unwrap(), parameters.sched_priority)
+            assert_eq!(libc::syscall(libc::SYS_sched_getparam, 0, &raw mut priority), 0);
+            (libc::c_int::try_from(policy).unwrap(), priority)
         }
     }
 

@@ -1,0 +1,82 @@
+#!/usr/bin/env bash
+# Makes a release of the last commit: the Debian package, a static program with its pages in a
+# tarball, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS. The same commit,
+# compiler and Debian give the same bytes in any folder. Needs the packages that
+# `scripts/setup.sh release` installs.
+#
+#   scripts/release.sh [FOLDER]     out/release by default; it is made anew
+#
+# A commit with a tag v… must have that version and a section of it in CHANGELOG.md.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+folder=${1:-out/release}
+
+say() { echo "release: $*" >&2; }
+fail() {
+    say "$*"
+    exit 1
+}
+
+umask 022
+export LC_ALL=C.UTF-8 TZ=UTC
+[ -z "$(git status --porcelain --untracked-files=no)" ] || say "the sources have changes that are not committed; the release will not be that of a commit"
+SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
+export SOURCE_DATE_EPOCH
+
+version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"$/\1/p' Cargo.toml)
+tag=$(git tag --points-at HEAD --list 'v*' | head -1)
+[ -z "$tag" ] || [ "$tag" = "v$version" ] || fail "the tag is $tag and Cargo.toml has $version; correct one of them"
+# Prints the section of CHANGELOG.md with this title, without the title.
+section() { awk -v title="## $1" '/^## /{ on = $0 == title || index($0, title " ") == 1; next } on' CHANGELOG.md; }
+changes=$(section "$version")
+if [ -z "$changes" ]; then
+    [ -z "$tag" ] || fail "CHANGELOG.md has no section ## $version; rename Unreleased"
+    changes=$(section Unreleased)
+    say "CHANGELOG.md has no section ## $version; its section Unreleased is taken"
+fi
+
+# The program contains no path of this machine, and no tables for debuggers, whose paths the linker
+# would add.
+export CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_PROFILE_RELEASE_STRIP=symbols CARGO_INCREMENTAL=0
+unset RUSTFLAGS
+CARGO_ENCODED_RUSTFLAGS=$(printf -- '--remap-path-prefix=%s=/sonoweave\037--remap-path-prefix=%s=/cargo' "$PWD" "${CARGO_HOME:-$HOME/.cargo}")
+export CARGO_ENCODED_RUSTFLAGS
+here=$(rustc -vV | sed -n 's/^host: //p')
+static=${here%-unknown-linux-*}-unknown-linux-musl
+# All programs for this machine are one selection of packages, and so one build.
+shared="--target $here -p sonoweave -p sonoweave-packaging"
+
+rm -rf "$folder"
+mkdir -p "$folder"
+place=$(mktemp -d "$folder/making.XXXXXX")
+trap 'rm -rf "$place"' EXIT
+
+say "the Debian package"
+SONOWEAVE_RELEASE=$shared scripts/deb.sh "$place/deb"
+mv "$place"/deb/*.deb "$folder/"
+tools=$(SONOWEAVE_RELEASE=$shared scripts/build.sh)
+
+say "the static program"
+program=$(SONOWEAVE_RELEASE="--target $static -p sonoweave" scripts/build.sh)
+name=sonoweave-$version-$static
+stage=$place/$name
+"${tools%/*}/sonoweave-packaging" "$place/made" "$static"
+install -D -m 755 "$program" "$stage/sonoweave"
+"$program" devices --udev >"$place/rules"
+install -D -m 644 "$place/rules" "$stage/70-sonoweave.rules"
+cp -r "$place/made/man" "$place/made/completions" "$stage/"
+mkdir -p "$stage/docs"
+cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
+cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
+chmod -R u=rwX,go=rX "$stage"
+tar --sort=name --format=gnu --mtime="@$SOURCE_DATE_EPOCH" --owner=0 --group=0 --numeric-owner \
+    -C "$place" -cf - "$name" | gzip -9n >"$folder/$name.tar.gz"
+
+cp "$place/made/sbom.cdx.json" "$folder/$name.cdx.json"
+"${tools%/*}/sonoweave-packaging" "$place/made" "$here"
+cp "$place/made/sbom.cdx.json" "$folder/sonoweave-$version-$here.cdx.json"
+printf '%s\n' "$changes" | sed -e '/./,$!d' >"$folder/sonoweave-$version-changes.md"
+chmod 644 "$folder"/*.*
+(cd "$folder" && sha256sum -- *.deb *.tar.gz *.json *.md >SHA256SUMS && chmod 644 SHA256SUMS)
+say "in $folder:"
+(cd "$folder" && ls -l -- *.* SHA256SUMS | awk '{ print $5, $NF }')
