@@ -26,9 +26,11 @@ style: setup
 test: setup
 	scripts/test.sh $(PACKAGES)
 
-# Reconstructs a synthetic sweep, and prints where the volume and a picture of it are.
+# Runs a session without hardware, in the browser where there is a display, until Ctrl-C. With
+# DURATION=seconds it ends by itself, and the session is replayed and compared as well.
+DURATION ?=
 demo: setup
-	scripts/demo.sh
+	scripts/demo.sh $(DURATION)
 
 # Runs everything that a change must pass, the quick checks first.
 check: setup

@@ -186,7 +186,10 @@ fn recorded_bytes_decode_to_the_recorded_readings() {
 #[test]
 fn grabber_orientation_gives_the_same_anatomy() {
     let seen = |orientation: &str| {
-        let text = SMALL.replace("size = \"96x80\"\n", &format!("size = \"96x80\"\norientation = \"{orientation}\"\n"));
+        // A virtual tracker would have to deliver first.
+        let text = SMALL
+            .replace("port = \"virtual\"\n", "port = \"none\"\n")
+            .replace("size = \"96x80\"\n", &format!("size = \"96x80\"\norientation = \"{orientation}\"\n"));
         let bedside =
             Bedside::parse("bedside.toml".as_ref(), &(text + "[virtual]\nnoise_sd = 0.0\nscene = \"ramp\"\n"));
         // The hand rests until it begins to move, long after this.
