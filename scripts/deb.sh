@@ -65,6 +65,9 @@ for drawn in docs/phantom/nwire.*; do put "$drawn" "$documents/phantom/${drawn##
 put packaging/debian/copyright "$documents/copyright"
 pack packaging/debian/changelog "$documents/changelog.Debian"
 pack "$place/made/licences.txt" "$documents/licences.txt"
+for picture in docs/*.svg docs/*.png; do
+    ! grep -qF "(${picture##*/})" docs/*.md || put "$picture" "$documents/${picture##*/}"
+done
 for page in docs/*.md; do pack "$page" "$documents/${page##*/}"; done
 
 # dpkg's tools look for debian/control and debian/changelog in the current folder.
