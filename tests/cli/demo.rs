@@ -1,5 +1,6 @@
 //! `demo`: its files and settings, the order in which its devices start, and its console.
 
+use std::fs::Permissions;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 
@@ -43,7 +44,7 @@ fn demo_with_arm_takes_planar_path_by_itself() {
 fn console_takes_next_port_and_opens_in_browser() {
     let place = Place::new();
     place.put("xdg-open", "#!/bin/sh\necho \"$1\" > opened.part && mv opened.part opened\n");
-    std::fs::set_permissions(place.path("xdg-open"), PermissionsExt::from_mode(0o755)).unwrap();
+    std::fs::set_permissions(place.path("xdg-open"), Permissions::from_mode(0o755)).unwrap();
     // Another program may have the port, too.
     let taken = TcpListener::bind("127.0.0.1:9110");
     let demo = |display: &str| {

@@ -54,7 +54,7 @@ for (const words of [
   "phantom -o wires.igs.mha --scene n-wire --image-size 320x240 --tracker-noise 0.05,0.05 --seed 1 --phantom phantom.toml --calibration truth.toml",
   "phantom -o check.igs.mha --scene n-wire --image-size 320x240 --tracker-noise 0.05,0.05 --seed 2 --frames 60 --calibration truth.toml",
   "calibrate probe --phantom phantom.toml --sequence wires.igs.mha --validate check.igs.mha -o probe.toml --report probe.html",
-  "reconstruct check.igs.mha --config probe.toml -o wires.mha --weights weights.mha",
+  "reconstruct check.igs.mha --config probe.toml --clip 80,50,160,180 -o wires.mha --weights weights.mha",
   `render wires.mha --weights weights.mha -o ${join(docs, "wires.png")} --view 30,30 --mode mip --image-size 640x400`,
 ]) run(words);
 const report = await open(`file://${join(OUT, "probe.html")}`, { size: { width: 1000, height: 700 } });

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use sonoweave_core::clock::{Clock, SECOND};
+use sonoweave_core::health::State;
 use sonoweave_core::reading::{Reading, Status};
 use sonoweave_core::{Description, Device, Error, Health, Next};
 
@@ -31,6 +32,8 @@ pub(super) struct Follower {
     clock: Arc<dyn Clock>,
     /// End of the wait, host ns; `None` before the start and after the wait.
     until_ns: Option<i64>,
+    /// Health during the wait.
+    waits: Health,
 }
 
 /// Returns both devices, of which the grabber waits for the tracking. `wanted` are the stations
@@ -44,7 +47,7 @@ pub(super) fn together(
     let wanted = wanted.into_iter().fold(0, |bits, n| bits | bit(n));
     let runs = Arc::new(AtomicBool::new(false));
     let leader = Leader { tracking, wanted, seen: [0; u32::BITS as usize], runs: Arc::clone(&runs) };
-    (Box::new(leader), Box::new(Follower { grabber, runs, clock, until_ns: None }))
+    (Box::new(leader), Box::new(Follower { grabber, runs, clock, until_ns: None, waits: Health::default() }))
 }
 
 /// Returns the bit of a station or axis.
@@ -109,7 +112,9 @@ const LOOK: i64 = SECOND / 100;
 
 impl Device for Follower {
     fn start(&mut self) -> Result<(), Error> {
-        self.until_ns = Some(self.clock.now_ns() + PATIENCE);
+        let now_ns = self.clock.now_ns();
+        self.until_ns = Some(now_ns + PATIENCE);
+        self.waits.enter(State::Starting, "waits for the tracker or arm", now_ns);
         self.grabber.start()
     }
 
@@ -141,7 +146,7 @@ impl Device for Follower {
     }
 
     fn health(&self) -> &Health {
-        self.grabber.health()
+        if self.until_ns.is_some() { &self.waits } else { self.grabber.health() }
     }
 }
 
@@ -179,6 +184,7 @@ mod tests {
                 position_cm: [0.0; 3],
                 quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
                 buttons: 0,
+                code: None,
                 distortion: None,
                 status: if is_silent { Status::Other("out of range".into()) } else { Status::Ok },
             })))
@@ -212,6 +218,7 @@ mod tests {
         let (mut leader, mut follower) = together(Box::new(tracker), [1, 2], Box::new(grabber), timer);
         leader.start().unwrap();
         follower.start().unwrap();
+        assert_eq!(follower.health().state, State::Starting);
         while clock.now_ns() < 8 * SECOND {
             leader.next(0).unwrap();
             if let Next::Reading(Reading::Frame(frame)) = follower.next(clock.now_ns()).unwrap() {
