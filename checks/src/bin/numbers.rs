@@ -1,6 +1,7 @@
 //! Renews the measured figures of the documents.
 //!
-//! - `numbers` writes each block's text from its template and records, and the chart: `make numbers`.
+//! - `numbers` writes each block's text from its template and records, and the chart: `make
+//!   numbers`.
 //! - `numbers record NAME RUN.json --command COMMAND --sources FOLDER,FOLDER…` enters a run's
 //!   figures into the record NAME, as measured now. `out/numbers` has every run's record.
 //!
