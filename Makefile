@@ -1,8 +1,8 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
-	console-test reach console-cost console-reach paper pareto numbers deb deb-test release release-test \
-	deny fresh-machine
+	console-test pictures reach console-cost console-reach paper pareto numbers deb deb-test release \
+	release-test deny fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -27,9 +27,11 @@ style: setup
 test: setup
 	scripts/test.sh $(PACKAGES)
 
-# Reconstructs a synthetic sweep, and prints where the volume and a picture of it are.
+# Runs a session without hardware, in the browser where there is a display, until Ctrl-C. With
+# DURATION=seconds it ends by itself, and the session is replayed and compared as well.
+DURATION ?=
 demo: setup
-	scripts/demo.sh
+	scripts/demo.sh $(DURATION)
 
 # Runs everything that a change must pass, the quick checks first.
 check: setup
@@ -113,6 +115,12 @@ interop:
 console-test:
 	@scripts/setup.sh console
 	scripts/console-test.sh
+
+# Makes the documents' pictures of the console, the demo and a calibration's report, in Debian's
+# Chromium. Nothing else should run meanwhile.
+pictures:
+	@scripts/setup.sh console
+	scripts/console-test.sh pictures
 
 # Measures a session at the virtual bedside: losses, latencies, replay and start. It takes
 # SECONDS_30 of video at 30 frames a second and SECONDS_60 at 60. Nothing else should run meanwhile.

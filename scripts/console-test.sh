@@ -2,7 +2,8 @@
 # Tests the console's page in Debian's Chromium: a session at the virtual bedside is viewed,
 # steered, hidden, disconnected and found again.
 #
-#   scripts/console-test.sh [reach]     with the word, measures instead (tests/console/reach.js)
+#   scripts/console-test.sh [reach|pictures]     measures instead (tests/console/reach.js), or makes
+#                                                the documents' pictures (tests/console/pictures.js)
 #
 # Missing Debian packages are installed by scripts/setup.sh. The packages of
 # tests/console/package.json (20 MB) are installed into out/console-test, from the registry that npm
@@ -32,9 +33,9 @@ export SONOWEAVE
 CHROMIUM=$(command -v chromium)
 export CHROMIUM
 rm -rf "$place"/session-* "$place"/*.png
-if [ "${1:-}" = reach ]; then
-    exec node tests/console/reach.js
-fi
+case ${1:-} in
+reach | pictures) exec node "tests/console/$1.js" ;;
+esac
 # One file, so that its tests run one after the other.
 node --test-reporter=spec tests/console/main.js
 say "pictures of the page are in $place"

@@ -66,6 +66,9 @@ put packaging/debian/copyright "$documents/copyright"
 pack packaging/debian/changelog "$documents/changelog.Debian"
 pack "$place/made/licences.txt" "$documents/licences.txt"
 pack "$place/made/sbom.cdx.json" "$documents/sbom.cdx.json"
+for picture in docs/*.svg docs/*.png; do
+    ! grep -qF "(${picture##*/})" docs/*.md || put "$picture" "$documents/${picture##*/}"
+done
 for page in docs/*.md; do pack "$page" "$documents/${page##*/}"; done
 
 # dpkg's tools look for debian/control and debian/changelog in the current folder.

@@ -81,7 +81,7 @@ run_as() {
             shift 4
             mount -t proc proc "$root/proc"
             mount --rbind /dev "$root/dev"
-            set -- env -i HOME="$home" "$@" make -C "$home/sonoweave" --no-print-directory "$target"
+            set -- env -i HOME="$home" "$@" make -C "$home/sonoweave" --no-print-directory "$target" DURATION=12
             if [ "$name" = user ]; then
                 exec chroot --userspec=maker:maker "$root" "$@"
             fi

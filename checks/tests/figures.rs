@@ -7,6 +7,7 @@
 use std::io::Write as _;
 use std::path::Path;
 
+use sonoweave_checks::chart;
 use sonoweave_checks::documents::Documents;
 use sonoweave_checks::record::read_all;
 use sonoweave_checks::sources::Checkout;
@@ -31,6 +32,13 @@ fn figures_of_documents_come_from_records() {
     assert!(documents.pages.len() > 10 && !documents.records.is_empty(), "the documents were not found");
     let findings = documents.findings();
     assert!(findings.is_empty(), "{} findings\n{}", findings.len(), findings.join("\n"));
+}
+
+#[test]
+fn chart_shows_the_records() {
+    let records = read_all(&root().join(sonoweave_checks::FOLDER)).expect("records");
+    let file = std::fs::read_to_string(root().join(chart::PATH)).unwrap_or_default();
+    assert!(file == chart::drawn(&records).expect("chart"), "{} is older; `make numbers` renews it", chart::PATH);
 }
 
 #[test]

@@ -38,7 +38,7 @@ say "== the reference library is built against"
 c++ -std=c++17 -O1 -Wall -Werror -I/usr/include/openigtlink scripts/interop/igtl/peer.cc -o "$place/peer" -lOpenIGTLink -lpthread
 
 # session FOLDER PORT OPTION…: a session that can be viewed at that port.
-"$program" live --example virtual | sed 's/^size = .*/size = "320x240"/; s/^spacing_mm = .*/spacing_mm = 1.0/' >"$place/bedside.toml"
+"$program" live --example virtual | sed '/^clip_px/d; s/^size = .*/size = "320x240"/; s/^spacing_mm = .*/spacing_mm = 1.0/' >"$place/bedside.toml"
 session() {
     local folder=$1 port=$2
     shift 2

@@ -5,10 +5,12 @@
 //! driver works as with the real device. A virtual grabber delivers its frames in process.
 
 mod homed;
+mod together;
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
+use calibration::arm::JOINTS;
 use config::bedside::{Arm, ArmKind, Bedside, Roles, Tracker, Tracking, VirtualBedside};
 use drivers::OpenSettings;
 use drivers::arm::ea1;
@@ -27,6 +29,7 @@ use sonoweave_core::clock::{Clock, Monotonic};
 use sync::ingest::stored;
 
 use homed::Homed;
+use together::together;
 
 /// Opened devices, stopped. A device that is absent is not an error: once started, its health
 /// reports what it waits for.
@@ -113,13 +116,28 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
                 false => (hand.pictures(), 0),
             };
             let pictures = lying(pictures, size, orientation);
+            let clock = Arc::clone(&clock);
             let mut grabber = Grabber::new(pictures, bedside.grabber.turned(size), *rate_hz, *faults, clock)?;
             (grabber.orientation, grabber.prepared_bytes) = (orientation, prepared_bytes);
             Box::new(grabber)
         }
         _ => drivers::open(&bedside.grabber.open_settings())?,
     };
+    let (tracking, grabber) = if !twins.is_empty() && bedside.grabber.is_virtual {
+        together(tracking, streams(&bedside.tracking), grabber, clock)
+    } else {
+        (tracking, grabber)
+    };
     Ok(Devices { tracking, protocol, at_home, grabber, twins })
+}
+
+/// Returns the stations or axes whose readings make a pose.
+fn streams(tracking: &Tracking) -> Vec<u8> {
+    match tracking {
+        Tracking::Tracker(tracker) => tracker.roles.all().map(|(station, _)| station).collect(),
+        Tracking::Arm(_) => (0..JOINTS as u8).collect(),
+        Tracking::Remote(_) => Vec::new(),
+    }
 }
 
 /// Converts MF frames of that size to the grabber's orientation.

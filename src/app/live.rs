@@ -1,6 +1,7 @@
 //! Live sessions: devices to a volume, with a recording, pictures, pages and other programs.
 
 mod app;
+mod browser;
 pub(crate) mod check;
 mod device;
 pub(crate) mod ended;

@@ -1,6 +1,6 @@
 //! `sonoweave demo`: runs a complete session on a virtual bedside, without hardware.
 
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -26,8 +26,8 @@ const BEDSIDE_WITH_ARM: &str = include_str!("../../docs/examples/virtual-arm.tom
 A simulated hand sweeps a virtual probe over a doll in a water tank. A virtual FASTRAK and a virtual frame grabber \
 send their data to the real drivers, with realistic latency and jitter. The session is recorded, reconstructed slice \
 by slice, and drawn in the terminal and on the page at the printed address. The command writes the session, the \
-volume with its weights, the picture, the statistics, and a configuration for `live`. With --arm, a virtual arm \
-carries a linear probe instead; it is homed within 3 s, and the planar path inserts its slices.
+volume, the picture, the statistics, and a configuration for `live`. With --arm, a virtual arm carries a linear probe \
+instead, and the planar path inserts its slices.
 
 Example: sonoweave demo --duration 12 --out demo
          sonoweave replay demo/SESSION-….mcap --picture again.png")]
@@ -45,14 +45,34 @@ pub struct Arguments {
     /// Seed of all random numbers: the hand's tremor, speckle, delays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
-    /// Address of the browser console, on this machine only; port 0 takes a free one
-    #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:0", value_parser = values::loopback)]
-    console: SocketAddr,
+    /// Address of the browser console, on this machine only; port 0 takes a free one [default:
+    /// 127.0.0.1:9110, or the next free port]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
+    console: Option<SocketAddr>,
+    /// Open the console in the browser, where there is a display
+    #[arg(long)]
+    open: bool,
     /// Print progress lines instead of the volume in the terminal
     #[arg(long)]
     headless: bool,
     #[command(flatten, next_help_heading = "OpenIGTLink")]
     sharing: SharingFlags,
+}
+
+/// First port of the console.
+const PORT: u16 = 9110;
+/// Ports that are tried.
+const PORTS: u16 = 50;
+
+/// Returns the first free port's address, and says so if it is not the usual one. The system
+/// chooses if none of those that are tried is free.
+fn free_address() -> SocketAddr {
+    let mut addresses = (PORT..PORT + PORTS).map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+    let free = addresses.find(|address| TcpListener::bind(address).is_ok());
+    if free.is_none_or(|free| free.port() != PORT) {
+        say(&format!("port {PORT} is in use; the console takes another"));
+    }
+    free.unwrap_or_else(|| SocketAddr::from((Ipv4Addr::LOCALHOST, 0)))
 }
 
 /// Runs the command.
@@ -72,7 +92,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         record: Some(out.clone()),
         duration: arguments.duration,
         resume: None,
-        console: Some(arguments.console),
+        console: Some(arguments.console.unwrap_or_else(free_address)),
+        opens_browser: arguments.open,
         keep: None,
         accept_example: false,
         quiet: false,
@@ -81,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let outputs = Outputs {
         volume: Some(out.join("volume.mha")),
-        weights: Some(out.join("weights.mha")),
+        weights: None,
         picture: Some(out.join("picture.png")),
         filling: None,
         stats: Some(out.join("statistics.json")),

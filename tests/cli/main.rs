@@ -12,6 +12,7 @@ mod commands;
 mod compare;
 mod containers;
 mod daemon;
+mod demo;
 mod devices;
 mod dicom;
 mod drawing;
@@ -38,6 +39,7 @@ mod sessions;
 mod settings;
 mod targets;
 mod tracker;
+mod tutorials;
 
 /// Returns the program.
 fn program() -> std::process::Command {

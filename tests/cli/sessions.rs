@@ -256,27 +256,3 @@ fn flags_unused_by_a_session_are_refused() {
     );
     assert!(!place.path("elsewhere").exists());
 }
-
-#[test]
-fn demo_writes_its_outputs_and_uses_the_seed() {
-    let place = Place::new();
-    let run = place.run("demo --duration 1.5 --out demo --seed 7 --headless");
-    assert_eq!(run.code, 0, "{}", run.stderr);
-    for name in ["bedside.toml", "picture.png", "statistics.json", "volume.mha", "weights.mha"] {
-        assert!(place.path("demo").join(name).is_file(), "{name}");
-    }
-    let stats = place.json("demo/statistics.json");
-    assert_eq!(stats["config"]["virtual.seed"], 7);
-    assert!(stats["frames"]["used"].as_u64().unwrap() > 5, "{stats}");
-}
-
-#[test]
-fn demo_with_arm_takes_planar_path_by_itself() {
-    let place = Place::new();
-    let run = place.run("demo --arm --duration 5 --out demo --seed 7 --headless");
-    assert_eq!(run.code, 0, "{}", run.stderr);
-    assert!(!run.stderr.contains("not homed"), "{}", run.stderr);
-    let stats = place.json("demo/statistics.json");
-    assert_eq!((&stats["path"], &stats["config"]["virtual.seed"]), (&"planar".into(), &7.into()));
-    assert!(stats["frames"]["used"].as_u64().unwrap() > 5 && stats["pictures"].as_u64() > Some(0), "{stats}");
-}

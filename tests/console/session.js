@@ -42,7 +42,7 @@ export class Session {
   /// Begins a session with frames rendered beforehand, so that rendering does not affect the
   /// measurement. `size` is the frames' size.
   static async painted(folder, size) {
-    const text = readFileSync(EXAMPLE, "utf8").replace(/^reference_station.*$/m, "").replace(/^#painted = true.*$/m, "painted = true").replace(/^size = .*$/m, `size = "${size}"`);
+    const text = readFileSync(EXAMPLE, "utf8").replace(/^(reference_station|clip_px).*$/gm, "").replace(/^#painted = true.*$/m, "painted = true").replace(/^size = .*$/m, `size = "${size}"`);
     const config = join(folder, "painted.toml");
     writeFileSync(config, text);
     return Session.#run(null, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
@@ -100,19 +100,29 @@ export class Session {
     this.#child.kill(whether ? "SIGSTOP" : "SIGCONT");
   }
 
-  /// Ends it: by SIGINT like a user, or by SIGKILL like a power cut.
+  /// Ends it: by SIGINT like a user, or by SIGKILL like a power cut. Its folder is removed.
   async end(signal = "SIGINT") {
+    await this.stop(signal);
+    this.remove();
+  }
+
+  /// Ends it, and keeps its folder.
+  async stop(signal = "SIGINT") {
     this.#child.kill(signal);
     const late = setTimeout(() => this.#child.kill("SIGKILL"), PATIENCE);
     await this.#ended;
     clearTimeout(late);
+  }
+
+  /// Removes its folder, if it has its own.
+  remove() {
     if (this.#place) rmSync(this.#place, { recursive: true, force: true });
   }
 }
 
 // Writes the virtual bedside's configuration, made small, into a folder.
 function small(folder, hz) {
-  const smaller = { size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
+  const smaller = { clip_px: "[0, 0, 160, 120]", size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
   const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
     const [, key] = /^(\w+) = /.exec(line) ?? [];
     return key in smaller ? `${key} = ${smaller[key]}` : line;

@@ -16,6 +16,7 @@ use config::bedside::Bedside;
 use drivers::replay::{SessionReplay, SessionSettings};
 use drivers::simulated::{Faults, Pty, fastrak};
 use formats::session::Ending;
+use sonoweave_core::clock::{Clock as _, Monotonic, SECOND};
 use sonoweave_core::reading::Frame;
 use sonoweave_core::slice::Pixels;
 use sonoweave_core::{Device, NO_DEADLINE, Next, Reading};
@@ -192,6 +193,13 @@ fn grabber_orientation_gives_the_same_anatomy() {
         // The hand rests until it begins to move, long after this.
         let mut devices = devices::open(&bedside.unwrap(), i64::MAX / 2, false).unwrap();
         devices.grabber.start().unwrap();
+        // It begins when the tracker delivers.
+        devices.tracking.start().unwrap();
+        let mut poses = 0;
+        while poses < 10 {
+            let next = devices.tracking.next(Monotonic.now_ns() + SECOND).unwrap();
+            poses += u32::from(matches!(next, Next::Reading(Reading::Pose(_))));
+        }
         let Next::Reading(Reading::Frame(frame)) = devices.grabber.next(i64::MAX / 4).unwrap() else { panic!() };
         frame
     };

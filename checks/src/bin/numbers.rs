@@ -1,6 +1,7 @@
 //! Renews the measured figures of the documents.
 //!
-//! - `numbers` writes each block's text from its template and records: `make numbers`.
+//! - `numbers` writes each block's text from its template and records, and the chart: `make
+//!   numbers`.
 //! - `numbers record NAME RUN.json --command COMMAND --sources FOLDER,FOLDER…` enters a run's
 //!   figures into the record NAME, as measured now. `out/numbers` has every run's record.
 //!
@@ -15,6 +16,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sonoweave_checks::FOLDER;
+use sonoweave_checks::chart;
 use sonoweave_checks::documents::Documents;
 use sonoweave_checks::record::{Machine, Record, Run};
 use sonoweave_checks::sources::Checkout;
@@ -41,7 +43,11 @@ fn main() -> ExitCode {
 
 fn renew(root: &Path) -> Result<(), Box<dyn Error>> {
     let checkout = Checkout::open(root).map_err(|e| format!("the sources of today are unknown: {e}"))?;
-    for (path, text) in Documents::read(root, Some(&checkout))?.renewed()? {
+    let documents = Documents::read(root, Some(&checkout))?;
+    let drawn = chart::drawn(&documents.records)?;
+    let is_current = fs::read_to_string(root.join(chart::PATH)).is_ok_and(|before| before == drawn);
+    let chart = (!is_current).then(|| (chart::PATH.to_owned(), drawn));
+    for (path, text) in documents.renewed()?.into_iter().chain(chart) {
         fs::write(root.join(&path), text)?;
         println!("{path} was renewed");
     }

@@ -19,6 +19,8 @@ pub(crate) struct SessionOptions {
     pub(crate) resume: Option<PathBuf>,
     /// Address of the console, instead of the configuration's.
     pub(crate) console: Option<SocketAddr>,
+    /// Whether the console's page is opened in a browser.
+    pub(crate) opens_browser: bool,
     /// Folder for the files of pages, instead of the recording's.
     pub(crate) keep: Option<PathBuf>,
     /// Whether a calibration that is an example, or of another image size, is accepted.

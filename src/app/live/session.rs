@@ -10,6 +10,7 @@ use console::Listen;
 use pipeline::control::SessionController;
 
 use super::app::LiveApp;
+use super::browser;
 use super::ended::Leave;
 use super::foreign::refuse_example;
 use super::home::Home;
@@ -70,6 +71,9 @@ pub(crate) fn session(
     if !options.quiet {
         policy.granted().why.iter().for_each(|why| reporter.say(why));
         publisher.address().iter().for_each(|address| reporter.say(&format!("console: {address}")));
+    }
+    if let Some(address) = publisher.address().filter(|_| options.opens_browser) {
+        reporter.say(&browser::open(&address));
     }
     let igtl = options.sharing.begin(&bedside.igtl.allow, &quit, *reporter, options.quiet)?;
     igtl.iter().for_each(|igtl| igtl.control(&controller));

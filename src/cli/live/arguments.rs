@@ -56,6 +56,7 @@ impl SessionArguments {
             duration: self.duration,
             resume: self.resume.clone(),
             console: self.console,
+            opens_browser: false,
             keep: self.keep.clone(),
             accept_example: self.accept_example,
             quiet: self.quiet,
