@@ -1,5 +1,8 @@
 //! The failure of a command, as a sentence for the user.
 
+use std::io;
+use std::path::Path;
+
 use config::Error;
 use drivers::transport::DENIED;
 use pipeline::PipelineError;
@@ -19,22 +22,45 @@ macro_rules! fail {
 
 impl<E: std::error::Error + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self(format!("{error}{}", remedy(&error)))
+        let text = error.to_string();
+        let mut causes = std::iter::successors(Some(&error as &(dyn std::error::Error + 'static)), |e| e.source());
+        let of_system = causes.find_map(|cause| cause.downcast_ref::<io::Error>());
+        let system = of_system.filter(|cause| text.ends_with(&cause.to_string())).map_or("", system);
+        Self(format!("{text}{}{system}", remedy(&error)))
+    }
+}
+
+/// Returns the remedy for an error of the system, to follow its text; empty if the text is one of
+/// this program.
+fn system(error: &io::Error) -> &'static str {
+    use io::ErrorKind::{
+        AlreadyExists, IsADirectory, NotADirectory, NotFound, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem,
+        StorageFull,
+    };
+    if error.raw_os_error().is_none() {
+        return "";
+    }
+    match error.kind() {
+        AlreadyExists => "; give another name",
+        IsADirectory => "; give a file",
+        NotADirectory | NotFound => "; check the name",
+        PermissionDenied => "; check its permissions",
+        ReadOnlyFilesystem => "; write to another place",
+        QuotaExceeded | StorageFull => "; make room on the disk",
+        _ => "; check the device or the disk",
     }
 }
 
 /// Returns the command that remedies the cause of an error, to follow its text; empty if there is
 /// none. Libraries do not know the commands.
 fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
-    use formats::Error::{Damaged, NoSession};
+    use formats::Error::Damaged;
     let mut causes = std::iter::successors(Some(error), |error| error.source());
     if let Some(flags) = causes.clone().find_map(flags) {
         return flags;
     }
     match causes.find_map(|cause| cause.downcast_ref()) {
         Some(Damaged { .. }) => " by `sonoweave inspect FILE --repair OUT`, which lists the missing parts",
-        Some(NoSession { source: formats::NoSession::Empty, .. }) => "",
-        Some(NoSession { .. }) => "; give a file that `live --record` wrote",
         _ => "",
     }
 }
@@ -65,6 +91,11 @@ fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
 }
 
 impl Failure {
+    /// Makes a failure of the system at a file; `doing` is the operation.
+    pub(crate) fn io(path: &Path, doing: &str, error: &io::Error) -> Self {
+        Self(format!("{}: {doing} failed: {error}{}", path.display(), system(error)))
+    }
+
     /// Converts a problem of settings whose flags have the settings' names.
     pub(crate) fn flag(error: Error) -> Self {
         match error {

@@ -46,7 +46,9 @@ pub enum CalibrationError {
     #[error(transparent)]
     Latency(#[from] LatencyError),
     /// Bytes that do not make an image.
-    #[error("{bytes} bytes do not make an image of {width}×{height} pixels with {stride} bytes a row")]
+    #[error(
+        "{bytes} bytes do not make an image of {width}×{height} pixels with {stride} bytes a row; give a whole image"
+    )]
     Picture {
         /// Pixels along u.
         width: usize,

@@ -194,8 +194,9 @@ impl CalibrationFile {
             "transform",
             "preset",
         ];
+        // The format first: in a file of another kind, all keys are unknown.
+        check_version(&Table::bare(source, &parsed))?;
         let root = Table::root(source, &parsed, &known)?;
-        check_version(&root)?;
 
         let mut file = Self::default();
         if let Some(entry) = root.get("provenance") {
@@ -356,7 +357,10 @@ impl CalibrationFile {
 fn check_version(root: &Table<'_>) -> Result<(), FileError> {
     let format = root.need("format")?;
     if format.text()? != FORMAT {
-        return Err(format.error(format!("must be \"{FORMAT}\" for a calibration file")));
+        return Err(format.error(format!(
+            "must be \"{FORMAT}\" for a calibration file; give another file (a session configuration names its own in \
+            [calibration])"
+        )));
     }
     let version = root.need("version")?;
     match version.whole()? {

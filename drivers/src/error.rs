@@ -29,7 +29,7 @@ pub enum Error {
     #[error("{0}")]
     File(#[from] formats::Error),
     /// The session does not have the requested device.
-    #[error("{path}: has no device {requested:?}; it has {known}", path = .path.display(), known = names(.known))]
+    #[error("{path}: has no device {requested:?}; give one of its own: {known}", path = .path.display(), known = names(.known))]
     NoDevice {
         /// The session.
         path: PathBuf,
@@ -88,12 +88,12 @@ mod tests {
             (Error::setting("arm", "baud", "too slow"), "arm.baud: too slow"),
             (
                 ListError::PackedText(18).into(),
-                "tracker: output item 18 packs numbers into 14 bits, which exists in binary only",
+                "tracker: output item 18 packs numbers into 14 bits, which exists in binary only; request it in binary",
             ),
-            (no_device(&[]), "s.mcap: has no device \"arm\"; it has none"),
+            (no_device(&[]), "s.mcap: has no device \"arm\"; give one of its own: none"),
             (
                 no_device(&["tracker".into(), "grabber".into()]),
-                "s.mcap: has no device \"arm\"; it has tracker, grabber",
+                "s.mcap: has no device \"arm\"; give one of its own: tracker, grabber",
             ),
             (
                 recorded,

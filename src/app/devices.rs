@@ -54,7 +54,7 @@ pub enum OpenError {
     #[error(transparent)]
     Device(#[from] drivers::Error),
     /// There is no line for a simulated device.
-    #[error("no pseudo-terminal for a virtual device: {0}; is /dev/pts mounted?")]
+    #[error("no pseudo-terminal for a virtual device: {0}; check that /dev/pts is mounted")]
     Line(#[source] std::io::Error),
     /// There is no simulation of the device.
     #[error("{0}")]

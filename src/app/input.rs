@@ -19,7 +19,7 @@ const SESSION: &[u8] = b"\x89MCAP";
 /// # Errors
 /// [`Failure`] when the file cannot be read.
 pub fn hash(path: &Path) -> Result<String, Failure> {
-    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let failed = |e: std::io::Error| Failure::io(path, "reading", &e);
     let mut file = File::open(path).map_err(failed)?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 20];
@@ -43,7 +43,7 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
 /// # Errors
 /// [`Failure`] when the file cannot be read.
 pub fn is_session(path: &Path) -> Result<bool, Failure> {
-    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let failed = |e: std::io::Error| Failure::io(path, "reading", &e);
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(SESSION.len() as u64).read_to_end(&mut head).map_err(failed)?;
     Ok(head == SESSION || path.extension().is_some_and(|extension| extension == "mcap"))

@@ -138,7 +138,7 @@ impl Arguments {
 
 /// Recognises a file by its content.
 fn kind(path: &Path) -> Result<Kind, Failure> {
-    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let failed = |e: std::io::Error| Failure::io(path, "reading", &e);
     if std::fs::metadata(path).map_err(failed)?.is_dir() {
         fail!("{}: is a folder; give a file", path.display());
     }
@@ -167,11 +167,11 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         return Ok(Kind::Configuration);
     }
     if head.is_empty() {
-        fail!("{}: is empty; check how it was written or copied", path.display());
+        fail!("{}: {}", path.display(), formats::NoImage::Empty);
     }
     Err(Failure(format!(
-        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, nor NIfTI, nor a session, nor a \
-         sonoweave calibration file, nor XML",
+        "{}: is of no known kind: neither MetaImage (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, \
+        NIfTI, a session, a configuration or calibration of sonoweave, nor XML; give one of these",
         path.display(),
         head.len()
     )))

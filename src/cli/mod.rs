@@ -32,13 +32,14 @@ use tracing_subscriber::{EnvFilter, Layer as _};
 
 pub use config::values;
 use pipeline::trace::{self, TraceFile};
+use sonoweave_core::NOTICE;
 
 use crate::app::input;
 pub use crate::failure::Failure;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
-#[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110)]
+#[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110, after_help = NOTICE)]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -226,6 +227,6 @@ mod tests {
         assert!(text.ends_with(expected), "{text}");
         let foreign = formats::Error::NoSession { path: "s.mcap".into(), source: formats::NoSession::NoChunk };
         let Failure(text) = drivers::Error::from(foreign).into();
-        assert!(text.ends_with("give a file that `live --record` wrote"), "{text}");
+        assert!(text.ends_with("give a recorded session"), "{text}");
     }
 }

@@ -195,11 +195,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(path) = &arguments.crossings {
         write_whole(path, |to| to.write_all(echoes::crossings(&scan).as_bytes()))
-            .map_err(|e| Failure(format!("{}: writing the crossings failed: {e}", path.display())))?;
+            .map_err(|e| Failure::io(path, "writing the crossings", &e))?;
     }
     if let Some((path, phantom)) = phantom {
         write_whole(path, |to| to.write_all(phantom.to_text().as_bytes()))
-            .map_err(|e| Failure(format!("{}: writing the phantom failed: {e}", path.display())))?;
+            .map_err(|e| Failure::io(path, "writing the phantom", &e))?;
     }
     report(arguments, &scan, grid.as_ref(), &kernel);
     Ok(())
@@ -428,9 +428,7 @@ impl Arguments {
             ..VolumeHeader::new(size, PixelType::F32)
         };
         let mut writer = VolumeWriter::create(path, &header)?;
-        writer
-            .write_all(bytemuck::cast_slice(voxels))
-            .map_err(|e| Failure(format!("{}: writing the truth failed: {e}", path.display())))?;
+        writer.write_all(bytemuck::cast_slice(voxels)).map_err(|e| Failure::io(path, "writing the truth", &e))?;
         Ok(writer)
     }
 

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use drivers::replay::Pace;
+use formats::Limits;
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
@@ -227,6 +228,8 @@ impl Arguments {
     /// request without pictures or with impossible ones.
     fn look(&self) -> Result<(Look, Option<Series>), Failure> {
         if self.picture.is_none() && self.pictures.is_none() {
+            // A file that is no sequence is named first.
+            formats::image::content(&self.sequence, &Limits::default())?;
             fail!(
                 "there is nothing to draw: give --picture for the last picture, or --pictures for all pictures; or use \
                 `reconstruct`"

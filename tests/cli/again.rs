@@ -58,7 +58,7 @@ fn replay_with_other_settings_equals_their_result() {
         assert!(seen["desk"]["replayed"]["seen"]["time_s"].as_f64().unwrap() < 10.0);
     }
     for (what, says) in [
-        (json!({ "do": "frame", "number": 0 }), "there is no frame 0; the recording has 1 to"),
+        (json!({ "do": "frame", "number": 0 }), "there is no frame 0; give one from 1 to"),
         (json!({ "do": "frame", "number": frames + 1 }), "there is no frame"),
         (json!({ "do": "again", "settings": { "volume.spacing_mm": 0 } }), "volume.spacing_mm: must be positive"),
         (json!({ "do": "again", "settings": { "record.folder": "/tmp" } }), "record.folder: cannot be changed"),

@@ -208,9 +208,9 @@ fn unknown_files_are_refused() {
     place.put("n.nrrd", "NRRD0004\ntype: uchar\n");
     place.put("broken.xml", "<CoordinateDefinitions>");
     place.put("short.mha", "ObjectType = Image\nNDims = 3\n");
-    place.refuses("inspect empty", &["empty: is empty; check how"]);
+    place.refuses("inspect empty", &["empty: is empty; copy or record it again"]);
     for name in ["text", "bytes"] {
-        place.refuses(&format!("inspect {name}"), &[&format!("{name}: is neither a MetaImage sequence or volume")]);
+        place.refuses(&format!("inspect {name}"), &[&format!("{name}: is of no known kind: neither MetaImage")]);
     }
     place.refuses("inspect n.nrrd", &["n.nrrd: ", "NRRD"]);
     place.refuses("inspect broken.xml", &["broken.xml: line 1"]);
@@ -355,11 +355,8 @@ fn session_is_described_and_repaired() {
     for (words, said) in [
         ("inspect harmed.mcap --repair whole.mcap", "exists"),
         ("inspect Cargo.mcap", "reading failed"),
-        (
-            "inspect none.mcap",
-            "is not a session: the file has no complete chunk of MCAP; give a file that `live --record` wrote",
-        ),
-        ("inspect text.txt --repair x.mcap", "neither a MetaImage"),
+        ("inspect none.mcap", "is not a session: the file has no complete chunk of MCAP; give a recorded session"),
+        ("inspect text.txt --repair x.mcap", "neither MetaImage"),
     ] {
         place.refuses(words, &[said]);
     }

@@ -302,9 +302,9 @@ fn impossible_planes_are_refused() {
         place.refuses(&format!("render v.mha -o p.png {flags}"), says);
     }
     for (flags, says) in [
-        ("--plane 1,2,3,0,nan,0 --mode slice", "not finite"),
+        ("--plane 1,2,3,0,nan,0 --mode slice", "must be finite"),
         ("--plane 1,2,3,0 --mode slice", "a point, a normal"),
-        ("--at inf,0,0 --mode slice", "not finite"),
+        ("--at inf,0,0 --mode slice", "must be finite"),
         ("--draw rulers", "scale"),
         ("--overlay red --mode slice", "coverage"),
     ] {

@@ -49,8 +49,11 @@ fn truncated_header_is_refused() {
     };
     let line = position(&bytes, "Seq_Frame0002_Timestamp");
     refused(&bytes[..line], &[&says(line)]);
-    refused([], &[&says(0)]);
-    refused(&bytes[..line + 10], &[&format!("s.mha: field line 20 (byte {line}): has no `=`")]);
+    refused([], &["s.mha: is empty; copy or record it again"]);
+    refused(
+        &bytes[..line + 10],
+        &[&format!("s.mha: line 20 (byte {line}): has no `=`; this is not a MetaImage header")],
+    );
 }
 
 #[test]
@@ -202,12 +205,9 @@ fn invalid_poses_are_refused() {
 fn absent_frame_range_is_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
-    let says = |range: &str| format!("the frames {range} hold none that can be used: the recording has frames 0 to 5");
+    let says = |range: &str| format!("the frames {range} hold none that can be used; give a range within 0 to 5");
     place.refuses("reconstruct s.mha -o v.mha --frames 6..9", &[&says("6..9")]);
-    place.refuses(
-        "reconstruct s.mha -o v.mha --frames 1000..",
-        &["the frames 1000..", "the recording has frames 0 to 5"],
-    );
+    place.refuses("reconstruct s.mha -o v.mha --frames 1000..", &["the frames 1000..", "give a range within 0 to 5"]);
 }
 
 #[test]
@@ -221,7 +221,10 @@ fn volume_beyond_memory_limit_is_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.refuses("reconstruct s.mha -o v.mha --spacing 0.05 --max-memory 0.001", &["frame 0: "]);
-    place.refuses("reconstruct s.mha -o v.mha --size 100000,100000,100000", &["100000"]);
+    place.refuses(
+        "reconstruct s.mha -o v.mha --size 100000,100000,100000",
+        &["--size 100000,100000,100000: is more than", "give a smaller size"],
+    );
 }
 
 #[test]
@@ -332,6 +335,54 @@ fn negative_numbers_and_output_folders_are_refused_by_name() {
     // The temporary name is ours.
     let said = place.run("reconstruct s.mha -o /proc/v.mha").stderr;
     assert!(said.contains("/proc/v.mha: creating the file failed") && !said.contains(".part"), "{said}");
+    assert!(said.ends_with("No such file or directory (os error 2); check the name\n"), "{said}");
     place.put("b.toml", [0xff, 0xd8, 0xff]);
     place.refuses("live --check --config b.toml", &["b.toml: holds bytes that are no text"]);
+}
+
+#[test]
+fn files_of_other_kinds_are_named_as_such() {
+    let place = Place::new();
+    place.put("empty.mha", "");
+    place.put("text.mha", "hello\nthis is text\n");
+    place.put("binary.mha", [7, 0, 1, 10, 3]);
+    place.put("page.mha", "<html></html>\n");
+    place.put("setting.mha", "format = \"sonoweave-calibration\"\nversion = 1\n[image]\n");
+    let images = "give one in MetaImage, NRRD or NIfTI";
+    for (name, kind) in [
+        ("empty", "is empty; copy or record it again"),
+        ("text", "is a text and no image file"),
+        ("binary", "is binary data of another kind and no image file"),
+        ("page", "is an XML file and no image file"),
+        ("setting", "is a configuration or calibration file and no image file"),
+    ] {
+        let says = [format!("{name}.mha: {kind}"), if name == "empty" { String::new() } else { images.into() }];
+        let says = says.each_ref().map(String::as_str);
+        place.refuses(&format!("render {name}.mha -o p.png"), &says);
+        place.refuses(&format!("reconstruct {name}.mha -o v.mha"), &says);
+        // Not that nothing is to be drawn.
+        place.refuses(&format!("replay {name}.mha"), &says);
+    }
+}
+
+#[test]
+fn exchanged_and_missing_configurations_are_explained() {
+    let place = Place::new();
+    place.put("bed.toml", place.does("live --example fastrak"));
+    let missing = "bed.toml: calibration.file (line 14): names probe.toml, but reading failed: No such file";
+    place.refuses("live --config bed.toml", &[missing, "correct the name, or make the file"]);
+    let other = "must be \"sonoweave-calibration\" for a calibration file; give another file";
+    place.put("s.mha", Sequence::default().bytes());
+    place.refuses("calibrate pivot --sequence s.mha -o bed.toml", &["bed.toml: format (line ", other]);
+    place.put("virtual.toml", place.does("live --example virtual"));
+    let open = "status.listen: other machines can reach 0.0.0.0:0, and [status] has no certificate";
+    place.refuses("live --config virtual.toml --headless --console 0.0.0.0:0", &[open, "or listen at 127.0.0.1"]);
+}
+
+#[test]
+fn help_ends_with_notice() {
+    let place = Place::new();
+    for words in ["--help", "-h", "help"] {
+        assert!(place.does(words).trim_end().ends_with(sonoweave_core::NOTICE), "{words}");
+    }
 }

@@ -226,7 +226,7 @@ fn impossible_pictures_are_refused() {
     }
     for (words, says) in [
         ("render v.mha -o p.png --image-size 0x10", "--image-size"),
-        ("render v.mha -o p.png --view nan,0", "not finite"),
+        ("render v.mha -o p.png --view nan,0", "must be finite"),
         ("render v.mha -o p.png --view 1", "must hold 2 numbers"),
         ("render v.mha -o p.png --arity 0", "--arity"),
         ("render v.mha -o p.png --parts 0", "--parts"),

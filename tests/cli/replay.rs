@@ -179,7 +179,7 @@ fn impossible_replays_are_refused() {
         ("replay s.mha --picture p.png --cache all", "linear"),
         ("replay s.mha --picture p.png --every 2", "--pictures"),
         ("replay s.mha --pictures . --every 0", "--every"),
-        ("replay s.mha --picture p.png --view 1,nan", "not finite"),
+        ("replay s.mha --picture p.png --view 1,nan", "must be finite"),
     ] {
         let run = place.run(words);
         assert_eq!(run.code, 2, "{words}: {}", run.stderr);

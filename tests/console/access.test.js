@@ -15,6 +15,10 @@ test("axe-core finds nothing wrong, on a desk and on a tablet, with the help ope
     await drawn(page, "view", 2);
     await says(page, "All is well", 60_000);
     assert.deepEqual(await audit(page), [], name);
+    const notice = page.locator("#notice");
+    assert.equal(await notice.innerText(), "For research. Not a medical device. Not for diagnosis or treatment.");
+    const { y, height } = await notice.boundingBox();
+    assert.ok(y >= 0 && y + height <= size.height, `${name}: the purpose is on the first screen`);
     await page.keyboard.press("?");
     await page.getByRole("dialog").waitFor();
     assert.deepEqual(await audit(page), [], `${name}, help`);

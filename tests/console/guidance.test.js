@@ -94,6 +94,10 @@ test("what is too fast is said at the top, large on the card, and beside the zon
     await page.locator("#view-marks .hole").first().waitFor({ state: "attached" });
     assert.equal(await page.locator("#view-marks .hole").count(), 2);
     assert.match(await page.locator("#view-legend").innerText(), /left out[^]*slice now/);
+    const { height } = await page.locator("#view-legend").boundingBox();
+    assert.ok(height < 30, `${name}: the legend is one line, not ${height} px`);
+    const ground = await page.locator("#view-legend-slice").evaluate((element) => getComputedStyle(element).backgroundImage);
+    assert.equal(ground, "none", "its words are not hatched");
     await page.evaluate(axe.source);
     const { violations } = await page.evaluate(() => axe.run());
     assert.deepEqual(violations.map(({ id, nodes }) => `${id} ${nodes.map(({ html }) => html).join()}`), [], name);

@@ -93,7 +93,7 @@ impl PlaneViewer for Viewer {
     }
 
     fn nothing(&self, why: &str) {
-        assert_eq!(why, "no voxel was seen yet");
+        assert_eq!(why, "no voxel was seen yet; wait for the first slices");
     }
 }
 

@@ -388,7 +388,7 @@ fn refused(sheet: &mut Sheet) {
         ("--image-size 4294967296x1", 2, "--image-size"),
         ("--image-size 8193x1", 1, "8192"),
         ("--image-size 1x4294967295", 1, "8192"),
-        ("--view inf,0", 2, "not finite"),
+        ("--view inf,0", 2, "must be finite"),
         ("--view 1e300,0", 1, "azimuth"),
         ("--perspective 0", 1, "170"),
         ("--perspective 171", 1, "170"),

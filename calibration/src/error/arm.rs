@@ -5,7 +5,7 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ArmError {
     /// A number is NaN or infinite.
-    #[error("the {what} of joint {joint} is not a finite number")]
+    #[error("the {what} of joint {joint} is not a finite number; correct it")]
     NotFinite {
         /// Number of the joint, from 1.
         joint: usize,
@@ -34,7 +34,8 @@ pub enum ArmError {
     /// A pose deviates from the plane that an arm moves in.
     #[error(
         "the pose is {mm:.3} mm out of the arm's plane and tilted by {degrees:.3}° against it, more than {most_mm} mm \
-        and {most_degrees}°; an arm of three joints moves in the x-y plane of its base and turns about z"
+        and {most_degrees}°; choose a pose in the x-y plane of its base, \
+        turned about z"
     )]
     NotPlanar {
         /// Distance of the probe's origin from the plane, mm.

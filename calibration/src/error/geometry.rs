@@ -15,7 +15,7 @@ pub enum GeometryError {
         name: String,
     },
     /// A coordinate is NaN or infinite.
-    #[error("a coordinate of {name} is not a finite number")]
+    #[error("a coordinate of {name} is not a finite number; correct it")]
     NotFinite {
         /// Name of the wire or landmark.
         name: String,
@@ -35,14 +35,14 @@ pub enum GeometryError {
         mm: f64,
     },
     /// No three wires make an N.
-    #[error("no three wires make an N (two parallel wires, and one aslant between them in their plane)")]
+    #[error("no three wires make an N (two parallel wires, and one aslant between them in their plane); add one")]
     NoN,
     /// The N's do not lie one above the other.
-    #[error("the N's lie in one plane, so that up and down are unknown; a drawing needs N's one above the other")]
+    #[error("the N's lie in one plane, so that up and down are unknown; give N's one above the other")]
     Flat,
     /// A wire ends elsewhere.
     #[error(
-        "the wire {wire} ends {mm:.2} mm off the plates that the wire {first} defines; a drawing needs all wires \
+        "the wire {wire} ends {mm:.2} mm off the plates that the wire {first} defines; give a phantom whose wires \
         between two parallel plates"
     )]
     Off {

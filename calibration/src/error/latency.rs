@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LatencyError {
     /// A pose or sample contains NaN or infinity.
-    #[error("sample {index} contains NaN or infinity")]
+    #[error("sample {index} contains NaN or infinity; remove it")]
     NotFinite {
         /// Its index among the samples.
         index: usize,

@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PresetError {
     /// There is none of that name.
-    #[error("there is no preset \"{name}\"; {}", listed(known))]
+    #[error("there is no preset \"{name}\"; {}", advice(known))]
     Unknown {
         /// The requested name.
         name: String,
@@ -12,7 +12,7 @@ pub enum PresetError {
         known: Vec<String>,
     },
     /// There are several, and no name was given.
-    #[error("has several presets; give the name of one (preset): {}", listed(known))]
+    #[error("has several presets; give the name of one (preset): {}", names(known))]
     Unnamed {
         /// The existing names.
         known: Vec<String>,
@@ -46,9 +46,13 @@ pub enum PresetError {
     },
 }
 
-fn listed(known: &[String]) -> String {
+fn advice(known: &[String]) -> String {
     match known {
-        [] => "the file has none".into(),
-        _ => format!("there are {}", known.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")),
+        [] => "the file has none: leave the name out".into(),
+        _ => format!("give one of {}", names(known)),
     }
+}
+
+fn names(known: &[String]) -> String {
+    known.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
 }

@@ -72,7 +72,10 @@ pub enum PivotError {
         runs: Vec<[usize; 2]>,
     },
     /// The tip's distance is implausible.
-    #[error("{}", length_sentence(*.mm, *.plausible))]
+    #[error(
+        "the tip is {mm:.1} mm from the sensor{}, but a stylus has {} to {} mm; check the tracker's units",
+        meant(*.mm, *.plausible), plausible[0], plausible[1]
+    )]
     Length {
         /// Distance of the tip from the sensor, mm.
         mm: f64,
@@ -108,17 +111,14 @@ const MISTAKEN: [(f64, &str); 4] = [
     (1.0 / 25.4, "inches and not mm"),
 ];
 
-fn length_sentence(mm: f64, plausible: [f64; 2]) -> String {
+/// Returns the plausible lengths in other units.
+fn meant(mm: f64, plausible: [f64; 2]) -> String {
     let fits = |(factor, what): &(f64, &str)| {
         let right = mm / factor;
         (right >= plausible[0] && right <= plausible[1]).then(|| format!("{right:.1} mm if positions are {what}"))
     };
     let meant: Vec<String> = MISTAKEN.iter().filter_map(fits).collect();
-    let meant = if meant.is_empty() { String::new() } else { format!(", or {}", meant.join(", ")) };
-    format!(
-        "the tip is {mm:.1} mm from the sensor{meant}, but a stylus has {} to {} mm; check the tracker's units",
-        plausible[0], plausible[1]
-    )
+    if meant.is_empty() { String::new() } else { format!(", or {}", meant.join(", ")) }
 }
 
 /// Reasons why a phantom cannot be registered.
@@ -168,7 +168,7 @@ pub enum LandmarksError {
         landmarks: usize,
     },
     /// A factor between units fits.
-    #[error("{what} fit if divided by {factor:.4}: {}", unit(*.factor))]
+    #[error("{what} fit if divided by {factor:.4}: {}; correct the numbers", unit(*.factor))]
     Units {
         /// The quantity: the tracker's positions or the phantom's landmarks.
         what: &'static str,
@@ -217,7 +217,7 @@ fn unit(factor: f64) -> &'static str {
     match factor {
         f if f > 20.0 => "they are in mm instead of inches, or were converted twice from inches",
         f if f > 1.0 => "they were converted from cm to mm twice",
-        f if f > 0.05 => "they are in cm; give mm",
-        _ => "they are in inches; give mm",
+        f if f > 0.05 => "they are in cm instead of mm",
+        _ => "they are in inches instead of mm",
     }
 }

@@ -210,10 +210,13 @@ fn wrong_phantom_or_readings_are_refused() {
     assert_eq!(refused(&readings, &mirrored), LandmarksError::Mirrored { matched: 7, landmarks: 7 });
 
     for (factor, message) in [
-        (10.0, "divided by 10.0000: they were converted from cm to mm twice"),
-        (25.4, "divided by 25.4000: they are in mm instead of inches, or were converted twice from inches"),
-        (0.1, "divided by 0.1000: they are in cm; give mm"),
-        (1.0 / 25.4, "divided by 0.0394: they are in inches; give mm"),
+        (10.0, "divided by 10.0000: they were converted from cm to mm twice; correct the numbers"),
+        (
+            25.4,
+            "divided by 25.4000: they are in mm instead of inches, or were converted twice from inches; correct the numbers",
+        ),
+        (0.1, "divided by 0.1000: they are in cm instead of mm; correct the numbers"),
+        (1.0 / 25.4, "divided by 0.0394: they are in inches instead of mm; correct the numbers"),
     ] {
         let scaled: Vec<Reading> = readings
             .iter()

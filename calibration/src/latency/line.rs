@@ -70,10 +70,10 @@ impl Line {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NoLine {
     /// Nothing in it moves.
-    #[error("nothing moves")]
+    #[error("nothing moves; move the probe")]
     Nothing,
     /// The moving pixels form no line.
-    #[error("what moves lies on no line")]
+    #[error("what moves lies on no line; show the floor alone")]
     Scattered,
 }
 

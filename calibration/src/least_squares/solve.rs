@@ -79,13 +79,15 @@ pub enum Unsolved {
         parameters: usize,
     },
     /// A residual or derivative is NaN or infinite, or a covariance is invalid.
-    #[error("measurement {block} gives a residual, a derivative or a noise that is not a finite number")]
+    #[error(
+        "measurement {block} gives a residual, a derivative or a noise that is not a finite number; correct the input"
+    )]
     NotFinite {
         /// Index of the block of residuals, from 0.
         block: usize,
     },
     /// The data do not determine these directions, the least determined first.
-    #[error("the measurements do not determine {}", listed(.directions))]
+    #[error("the measurements do not determine {}; measure from other directions", listed(.directions))]
     Undetermined {
         /// Combinations of parameters.
         directions: Vec<Direction>,

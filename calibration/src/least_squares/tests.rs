@@ -308,7 +308,10 @@ fn undetermined_directions_are_named() {
         blocks.add(difference.to_array(), &Whitening::sd(1.0)).by(a, rows(by)).by(b, rows(-by));
     };
     let error = solve(&parameters, &Settings::default(), more).unwrap_err();
-    assert_eq!(error.to_string(), "the measurements do not determine 0.71·tip z + 0.71·pivot z");
+    assert_eq!(
+        error.to_string(),
+        "the measurements do not determine 0.71·tip z + 0.71·pivot z; measure from other directions"
+    );
     let Unsolved::Undetermined { directions } = error else { panic!("one direction is not determined") };
     // Components of rounding size are not named.
     assert_eq!(directions[0].leading(), "tip z and pivot z");

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::errors::{Variant, closing, constants, is_test, unquoted, variants};
 use crate::findings::Finding;
 use crate::lexer::Kind;
 use crate::sources::{Source, Sources};
@@ -118,6 +119,19 @@ pub(crate) fn contents(sources: &Sources) -> Vec<Finding> {
     findings
 }
 
+/// First pages of the documents, for those who read nothing else.
+const FIRST: [&str; 2] = ["README.md", "docs/start.md"];
+
+/// Returns first pages that do not give the program's notice, by its words in the sources.
+pub(crate) fn notice(sources: &Sources) -> Vec<Finding> {
+    let constants = constants(sources);
+    let Some(notice) = constants.get("NOTICE") else {
+        return vec![Finding::new(FIRST[0], 1, "no source has a NOTICE")];
+    };
+    let lacks = |path: &&str| sources.get(path).is_none_or(|page| !page.text.contains(notice.as_str()));
+    FIRST.into_iter().filter(lacks).map(|path| Finding::new(path, 1, format!("does not say {notice:?}"))).collect()
+}
+
 /// Returns the messages of the page that no source has. They are in the first columns of its
 /// tables, between backticks; `…` stands for names and numbers.
 pub(crate) fn messages(sources: &Sources) -> Vec<Finding> {
@@ -137,8 +151,71 @@ pub(crate) fn messages(sources: &Sources) -> Vec<Finding> {
     findings
 }
 
+/// Error types, and single variants, that `live` and `devices` do not meet: those of calibration,
+/// of image files, and of other commands.
+const ELSEWHERE: &str = "Apart ArmError::Ends ArmError::Few ArmError::OneDivot ArmError::OnePose \
+    ArmError::Senseless ArmError::Undetermined ArmError::Units ArmError::Unknown BadNumber CalibrationError \
+    DenseError Error::NoDevice Error::Recorded ExportError::DicomTooLarge ExportError::DicomTooLong \
+    ExportError::FloatingPoint ExportError::Grid ExportError::Identifier ExportError::Memory ExportError::NoFrame \
+    ExportError::Outside ExportError::Paper ExportError::PixelType ExportError::Threads ExportError::Window \
+    GeometryError LandmarksError LatencyError ListError NoImage NoLine PipelineError::NoSuchFrames PivotError \
+    ProbeError TrackerError Unsolved";
+
+/// Fewest words of a sentence beside its placeholders that the page explains; others are those of
+/// the placeholders.
+const WORDS: usize = 3;
+
+/// Returns the sentences of errors, and of warnings in the log, that the page does not explain.
+pub(crate) fn unexplained(sources: &Sources) -> Vec<Finding> {
+    let Some(page) = sources.get(MESSAGES) else { return Vec::new() };
+    let cells = prose(page).into_iter().filter_map(|(_, row)| row.strip_prefix('|')?.split(" | ").next());
+    let spans: Vec<&str> = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect();
+    let mut findings = Vec::new();
+    let mut find = |file: &str, line: usize, text: &str| {
+        if words(text) >= WORDS && !spans.iter().any(|span| explains(span, text)) {
+            findings.push(Finding::new(file, line, format!("{MESSAGES} does not explain {text:?}")));
+        }
+    };
+    for variant in variants(sources).iter().filter(|variant| !is_elsewhere(variant)) {
+        variant.text.iter().for_each(|text| find(&variant.file, variant.line, text));
+    }
+    for source in sources.rust().filter(|source| !is_test(&source.path)) {
+        let code = source.code();
+        for at in 0..code.len().saturating_sub(2) {
+            let is_log =
+                ["warn", "error"].iter().any(|name| code[at].is(name)) && code[at + 1].is("!") && code[at + 2].is("(");
+            let end = if is_log { closing(&code, at + 2) } else { None };
+            let text = end.and_then(|end| code[at..end].iter().find(|token| token.text.starts_with('"')));
+            let text = text.map(|token| unquoted(token.text));
+            text.iter().for_each(|text| find(&source.path, code[at].line, text));
+        }
+    }
+    findings
+}
+
+fn is_elsewhere(variant: &Variant) -> bool {
+    ELSEWHERE.split_whitespace().any(|name| name == variant.of || name == variant.path())
+}
+
+/// Returns the number of words beside the placeholders.
+fn words(text: &str) -> usize {
+    let beside = text.split('{').map(|part| part.split_once('}').map_or(part, |(_, rest)| rest));
+    beside.flat_map(|part| part.split(|c: char| !c.is_alphabetic())).filter(|word| !word.is_empty()).count()
+}
+
+/// Whether a message of the page is a part of a sentence; `…` stands for anything.
+fn explains(span: &str, text: &str) -> bool {
+    let parts = span.split('…').map(|part| part.trim_matches(|c: char| c.is_whitespace() || ".,:;".contains(c)));
+    let parts: Vec<&str> = parts.filter(|part| part.len() >= LETTERS).collect();
+    let mut rest = Some(text);
+    for part in &parts {
+        rest = rest.and_then(|rest| rest.split_once(part)).map(|(_, rest)| rest);
+    }
+    !parts.is_empty() && rest.is_some()
+}
+
 /// Joins the lines of a literal, and removes the escapes that messages have.
-fn joined(literal: &str) -> String {
+pub(crate) fn joined(literal: &str) -> String {
     let mut lines = literal.split("\\\n");
     let mut text = lines.next().unwrap_or_default().to_owned();
     lines.for_each(|line| text += line.trim_start());
@@ -183,6 +260,32 @@ mod tests {
         ]);
         let expected = ["docs/SUMMARY.md:2: \"a.md\" is listed twice", "docs/b.md:1: is not listed in docs/SUMMARY.md"];
         assert_eq!(sentences(contents(&sources)), expected);
+    }
+
+    #[test]
+    fn first_pages_without_notice_are_found() {
+        let core = ("crates/core/src/lib.rs", "pub const NOTICE: &str = \"For trials.\";");
+        let sources = Sources::of(&[core, ("README.md", "**For trials.**"), ("docs/start.md", "For all.")]);
+        assert_eq!(sentences(notice(&sources)), ["docs/start.md:1: does not say \"For trials.\""]);
+    }
+
+    #[test]
+    fn unexplained_errors_and_warnings_are_found() {
+        let page = "| message | cure |\n|---|---|\n| `the … is not there`, `it is slow` | `the disk is full` |\n";
+        let code = "
+            #[derive(thiserror::Error)]
+            enum E {
+                #[error(\"{path}: the {what} is not there; plug it in\")] Explained,
+                #[error(\"{path}: the disk is full; make room\")] Unexplained,
+                #[error(\"{path}: reading {source}\")] OtherWords,
+            }
+            fn f() { warn!(\"{x}: it is slow\"); tracing::error!(count = 3, \"it is too slow\"); }";
+        let sources = Sources::of(&[("docs/trouble.md", page), ("src/a.rs", code), ("src/tests.rs", code)]);
+        let expected = [
+            "src/a.rs:5: docs/trouble.md does not explain \"{path}: the disk is full; make room\"",
+            "src/a.rs:8: docs/trouble.md does not explain \"it is too slow\"",
+        ];
+        assert_eq!(sentences(unexplained(&sources)), expected);
     }
 
     #[test]

@@ -7,9 +7,11 @@ mod book;
 mod comments;
 mod crates;
 mod cycles;
+mod errors;
 mod findings;
 mod layers;
 mod lexer;
+mod messages;
 mod modules;
 mod names;
 mod prose;
@@ -106,4 +108,19 @@ fn pages_are_in_table_of_contents() {
 #[test]
 fn explained_messages_are_in_sources() {
     report(book::messages(&SOURCES));
+}
+
+#[test]
+fn errors_say_what_where_and_what_to_do() {
+    report(messages::check(&SOURCES));
+}
+
+#[test]
+fn first_pages_state_the_purpose() {
+    report(book::notice(&SOURCES));
+}
+
+#[test]
+fn errors_and_warnings_are_explained() {
+    report(book::unexplained(&SOURCES));
 }

@@ -106,8 +106,8 @@ pub enum Error {
     },
     /// XML with other contents.
     #[error(
-        "{path}: holds no CoordinateDefinitions, CalibrationResults or VolumeReconstruction element; a PLUS configuration or \
-         calibration result, or a sonoweave calibration file, is expected",
+        "{path}: holds no CoordinateDefinitions, CalibrationResults or VolumeReconstruction element; give a PLUS \
+         configuration or calibration result, or a calibration file",
         path = path.display()
     )]
     NothingInside {

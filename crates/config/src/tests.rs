@@ -75,7 +75,7 @@ fn errors_name_file_element_attribute_line() {
         (matrix("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0"), "scan.xml: Transform Matrix (line 4): must hold 16 numbers, not 15"),
         (
             matrix("1 0 0 0 0 nan 0 0 0 0 1 0 0 0 0 1"),
-            "scan.xml: Transform Matrix (line 4): number 6 is nan, which is not finite",
+            "scan.xml: Transform Matrix (line 4): number 6 must be finite, not nan",
         ),
         (matrix("1 0 0 0 0 x 0 0 0 0 1 0 0 0 0 1"), "Transform Matrix (line 4): \"x\" is not a number"),
         (matrix("1 0 0 0 0 1 0 0 0 0 0 0 0 0 0 1"), "Transform Matrix (line 4): the matrix cannot be inverted"),
@@ -99,7 +99,10 @@ fn errors_name_file_element_attribute_line() {
             recon("FanAnglesDeg=\"-30 30\" FanRadiusStartPixel=\"9\" FanRadiusStopPixel=\"3\""),
             "a fan's radii must grow",
         ),
-        (recon("FanAnglesDeg=\"-30 30\" FanRadiusStopPixel=\"inf\""), "FanRadiusStopPixel (line 6): number 1 is inf"),
+        (
+            recon("FanAnglesDeg=\"-30 30\" FanRadiusStopPixel=\"inf\""),
+            "FanRadiusStopPixel (line 6): number 1 must be finite, not inf",
+        ),
         ("<PlusConfiguration/>".into(), "holds no CoordinateDefinitions"),
         ("<PlusConfiguration>".into(), "scan.xml: line 1: not readable as XML"),
         ("<a>\n<b></a>".into(), "line 2: not readable as XML"),
@@ -166,7 +169,7 @@ fn command_line_calibration_replaces_file() {
             .set_image_to_probe("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 NaN")
             .unwrap_err()
             .to_string()
-            .contains("not finite")
+            .contains("must be finite")
     );
 }
 

@@ -16,7 +16,7 @@ pub(super) enum RequestError {
     #[error("{0}")]
     Session(String),
     /// A turn of the view beyond this angle, degrees.
-    #[error("a view turns by {0}° at most at a time")]
+    #[error("a view turns by {0}° at most at a time; send several turns")]
     ViewTurn(f64),
     /// A zoom that is no number.
     #[error("a zoom must be a finite number of doublings")]
@@ -25,13 +25,13 @@ pub(super) enum RequestError {
     #[error("a point in the picture must be two fractions of its sides, from 0 to 1")]
     PicturePoint,
     /// A point of a picture that does not exist yet.
-    #[error("there is no picture yet to centre a point in")]
+    #[error("there is no picture yet to centre a point in; wait for the first slices")]
     NoPicture,
     /// A turn of the free plane beyond this angle, degrees.
-    #[error("the free plane turns by {0}° at most at a time")]
+    #[error("the free plane turns by {0}° at most at a time; send several turns")]
     PlaneTurn(f64),
     /// A request that needs a volume, with its purpose.
-    #[error("there is no volume yet to {0} in")]
+    #[error("there is no volume yet to {0} in; wait for the first slices")]
     NoVolume(&'static str),
     /// A window without two ascending grey values of at most this magnitude.
     #[error("a window must be the grey level of black and a larger one of white, within ±{0}")]
@@ -40,16 +40,16 @@ pub(super) enum RequestError {
     #[error("the crossing point of planes must be three finite numbers, world mm")]
     CrossingPoint,
     /// A point outside the volume; all as text in world mm.
-    #[error("the point {at} mm lies outside the volume, which extends from {low} to {high} mm")]
+    #[error("the point {at} mm lies outside the volume, which extends from {low} to {high} mm; choose a point inside")]
     OutsideVolume { at: String, low: String, high: String },
     /// No surface at a point of the picture.
     #[error("nothing opaque is visible there; point at something else")]
     NothingVisible,
     /// A style where no volume is drawn.
-    #[error("no volume is drawn in this session")]
+    #[error("no volume is drawn in this session; start it with a picture")]
     NoStyle,
     /// An opacity curve with too many points.
-    #[error("an opacity curve can have {most} points at most, not {given}")]
+    #[error("an opacity curve must have at most {most} points, not {given}")]
     CurvePoints { most: usize, given: usize },
     /// A point of an opacity curve at a grey value beyond this magnitude.
     #[error("a point of the opacity curve is at {grey}: give grey levels within ±{most}")]
@@ -61,7 +61,7 @@ pub(super) enum RequestError {
     #[error("{0}")]
     Transfer(String),
     /// A snapshot without a picture.
-    #[error("there is no picture yet to save")]
+    #[error("there is no picture yet to save; wait for the first slices")]
     NothingToSave,
     /// A snapshot while one is being written.
     #[error("the last snapshot is still being written; wait for it")]

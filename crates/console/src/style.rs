@@ -175,7 +175,7 @@ mod tests {
             (vec![[f64::NAN, 0.5]], "within ±1000000"),
             (vec![[10.0, f64::NAN]], "from 0 to 1"),
             (vec![[2e6, 0.5]], "within ±1000000"),
-            ((0..17).map(|n| [f64::from(n), 0.5]).collect(), "16 points at most"),
+            ((0..17).map(|n| [f64::from(n), 0.5]).collect(), "at most 16 points"),
         ] {
             let refused = style.choose(Choice { preset: None, points: Some(points) }).unwrap_err().to_string();
             assert!(refused.contains(sentence), "{refused}");

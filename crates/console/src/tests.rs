@@ -325,6 +325,15 @@ fn page_is_complete_and_restricted_by_policy() {
 }
 
 #[test]
+fn both_documents_state_the_purpose() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/page");
+    for name in ["index.html", "login.html"] {
+        let text = std::fs::read_to_string(folder.join(name)).unwrap();
+        assert!(text.contains(&format!(">{}</p>", sonoweave_core::NOTICE)), "{name}");
+    }
+}
+
+#[test]
 fn silent_clients_block_neither_others_nor_shutdown() {
     let latest = session();
     let console = listening((Ipv4Addr::LOCALHOST, 0).into(), &latest).unwrap();

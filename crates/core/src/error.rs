@@ -15,7 +15,7 @@ pub enum Error {
     #[error("{0} has failed; start it again to read from the beginning")]
     Failed(String),
     /// The device has no axes.
-    #[error("{0} has no axes to home")]
+    #[error("{0} has no axes to home; choose an arm with index marks")]
     NoAxes(String),
     /// An error of the device's own crate: its settings, or a recording's file. This crate knows
     /// neither drivers nor files; [`Self::cause`] returns the error with its type.
@@ -46,7 +46,7 @@ mod tests {
             (Error::Running(device()), "/dev/ttyUSB0 is running already; stop it first"),
             (Error::Stopped(device()), "/dev/ttyUSB0 is stopped; start it first"),
             (Error::Failed(device()), "/dev/ttyUSB0 has failed; start it again to read from the beginning"),
-            (Error::NoAxes(device()), "/dev/ttyUSB0 has no axes to home"),
+            (Error::NoAxes(device()), "/dev/ttyUSB0 has no axes to home; choose an arm with index marks"),
         ] {
             assert_eq!(error.to_string(), text);
             assert!(error.cause::<std::fmt::Error>().is_none());

@@ -188,19 +188,19 @@ fn orthogonality_error(m: &DMat3) -> f64 {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadMatrix {
     /// A number is NaN or infinite.
-    #[error("element {index} (row {row}, column {column}) is not a finite number", row = index / 4, column = index % 4)]
+    #[error("element {index} (row {row}, column {column}) must be a finite number", row = index / 4, column = index % 4)]
     NotFinite {
         /// Position among the 16.
         index: usize,
     },
     /// The matrix is projective or transposed.
-    #[error("the last row is {row:?} instead of 0 0 0 1; is the matrix transposed?")]
+    #[error("the last row must be 0 0 0 1, not {}: check whether the matrix is transposed", row.map(|x| x.to_string()).join(" "))]
     LastRow {
         /// The given row.
         row: [f64; 4],
     },
     /// The matrix maps space to a plane or less.
-    #[error("the matrix cannot be inverted (determinant {determinant:e})")]
+    #[error("the matrix cannot be inverted (determinant {determinant:e}); check its numbers")]
     Singular {
         /// Determinant of the 3×3 part.
         determinant: f64,
@@ -211,13 +211,13 @@ pub enum BadMatrix {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NotRigid {
     /// The pose is left-handed.
-    #[error("the pose mirrors (determinant {determinant:.6})")]
+    #[error("the pose mirrors (determinant {determinant:.6}); check the signs of its axes")]
     Mirrored {
         /// Determinant of the rotation part.
         determinant: f64,
     },
     /// The scale or skew exceeds rounding of printed digits.
-    #[error("the pose is no rotation: |RᵀR − I| = {deviation:.2e} > {tolerance:.0e}")]
+    #[error("the pose is no rotation: |RᵀR − I| = {deviation:.2e} > {tolerance:.0e}; check its numbers")]
     Distorted {
         /// max |RᵀR − I|.
         deviation: f64,

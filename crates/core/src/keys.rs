@@ -313,10 +313,10 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BadNumbers {
     /// A word is not a number; long words are shortened.
-    #[error("\"{0}\" is not a number")]
+    #[error("\"{0}\" is not a number; correct it")]
     NotNumber(String),
     /// A number is NaN or infinite.
-    #[error("number {position} is {word}, which is not finite")]
+    #[error("number {position} must be finite, not {word}")]
     NotFinite {
         /// Position of the number, from 1.
         position: usize,

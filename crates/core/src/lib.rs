@@ -30,6 +30,9 @@ pub mod refusal;
 pub mod region;
 pub mod slice;
 
+/// Purpose of the program, for help texts, pages, reports and DICOM files.
+pub const NOTICE: &str = "For research. Not a medical device. Not for diagnosis or treatment.";
+
 pub use device::{Description, Device, NO_DEADLINE, Next, Ticks, Timing};
 pub use error::Error;
 pub use health::Health;

@@ -72,10 +72,10 @@ impl From<StaticTransform> for Written {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadStatic {
     /// A frame has no name.
-    #[error("a frame's name is empty")]
+    #[error("a frame's name is empty; give one")]
     Nameless,
     /// The transform goes from a frame to itself.
-    #[error("the transform goes from {0} to itself")]
+    #[error("the transform goes from {0} to itself; correct one of its frames")]
     Loop(String),
     /// The numbers are invalid.
     #[error(transparent)]

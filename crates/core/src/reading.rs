@@ -92,6 +92,12 @@ pub enum PixelType {
     F64,
 }
 
+impl std::fmt::Display for PixelType {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&format!("{self:?}").to_lowercase())
+    }
+}
+
 impl PixelType {
     /// All pixel types.
     pub const ALL: [Self; 10] =

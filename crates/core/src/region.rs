@@ -143,10 +143,10 @@ pub enum BadRegion {
     #[error("a fan's numbers must be finite")]
     NotFinite,
     /// The radii do not grow, px.
-    #[error("a fan's radii must grow from at least 0, not {0:?}")]
+    #[error("a fan's radii must grow from at least 0, not {} to {}", .0[0], .0[1])]
     Radii([f64; 2]),
     /// The angles do not grow, or leave their range, degrees.
-    #[error("a fan's angles must grow between -180 and 180 degrees (0 is down, positive to the right), not {0:?}")]
+    #[error("a fan's angles must grow between -180 and 180 degrees (0 is down, positive to the right), not {} to {}", .0[0], .0[1])]
     Angles([f64; 2]),
 }
 

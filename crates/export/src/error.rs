@@ -9,8 +9,9 @@ use sonoweave_core::reading::PixelType;
 pub enum ExportError {
     /// More voxels than a file may have.
     #[error(
-        "the volume would have {size:?} voxels, more than {most}; crop the volume, choose a coarser spacing, or \
-        check the poses for strays"
+        "the volume would have {} voxels, more than {most}; crop the volume, choose a coarser spacing, or check the \
+        poses for strays",
+        size.map(|n| n.to_string()).join("×")
     )]
     VolumeTooLarge {
         /// Voxels along x, y, z.
@@ -103,7 +104,7 @@ pub enum ExportError {
     #[error("there is no frame to write; choose other frames, or a larger part of the volume")]
     NoFrame,
     /// A picture that cannot be encoded.
-    #[error("cannot encode {path} as PNG: {source}", path = path.display())]
+    #[error("cannot encode {path} as PNG: {source}; choose another size", path = path.display())]
     Encode {
         /// The target file.
         path: PathBuf,
@@ -112,7 +113,7 @@ pub enum ExportError {
     },
     /// Pixels that PNG does not support.
     #[error(
-        "cannot write {path}: PNG holds 1 to 4 channels of 8 or 16 bits, not {channels} of {pixel:?}; write a sequence",
+        "cannot write {path}: PNG holds 1 to 4 channels of 8 or 16 bits, not {channels} of {pixel}; write a sequence",
         path = path.display()
     )]
     PixelType {
@@ -124,7 +125,7 @@ pub enum ExportError {
         channels: u32,
     },
     /// An axis without voxels, or an invalid spacing.
-    #[error("cannot draw a volume of {size:?} voxels with a spacing of {spacing:?} mm; both must be above 0")]
+    #[error("cannot draw a volume of {} voxels with a spacing of {} mm; both must be above 0", size.map(|n| n.to_string()).join("×"), spacing.map(|mm| mm.to_string()).join("×"))]
     Grid {
         /// Voxels along x, y, z.
         size: [u64; 3],
@@ -140,7 +141,7 @@ pub enum ExportError {
         high: f32,
     },
     /// Planes outside the volume.
-    #[error("voxel {through:?} of the planes is outside the volume of {size:?} voxels; choose a voxel in it")]
+    #[error("voxel {} of the planes is outside the volume of {} voxels; choose a voxel in it", through.map(|n| n.to_string()).join(","), size.map(|n| n.to_string()).join("×"))]
     Outside {
         /// The given voxel.
         through: [u64; 3],

@@ -11,6 +11,8 @@ pub mod plate;
 
 use std::fmt::Write as _;
 
+use sonoweave_core::NOTICE;
+
 /// Style sheet of a page: one column of text and figures, in the reader's light or dark scheme.
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1c2430;--soft:#5b6675;--line:#d9dee5;--paper:#fff;--card:#f6f8fa;--good:#1a7f4b;--bad:#b42318}\
@@ -90,7 +92,7 @@ impl Page {
         let Self { title, body } = self;
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n"
+             <title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}<p class=\"soft\">{NOTICE}</p>\n</body>\n</html>\n"
         )
     }
 
@@ -142,5 +144,11 @@ mod tests {
     fn page_fetches_nothing() {
         let html = Page::new("t").html();
         assert!(!html.contains("http") && !html.contains("src="), "{html}");
+    }
+
+    #[test]
+    fn page_ends_with_notice() {
+        let html = Page::new("t").html();
+        assert!(html.ends_with(&format!("<p class=\"soft\">{NOTICE}</p>\n</body>\n</html>\n")), "{html}");
     }
 }

@@ -19,11 +19,11 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A field of a file's header is missing, malformed or contradicts another.
-    #[error("{path}: field {field} (byte {offset}): {problem}", path = .path.display())]
+    #[error("{path}: {} (byte {offset}): {problem}", place(field), path = .path.display())]
     Header {
         /// The file.
         path: PathBuf,
-        /// Field name, as in the file.
+        /// Field name, as in the file; `line N` for a line without a name.
         field: String,
         /// Position of the field, in bytes from the beginning of the file.
         offset: u64,
@@ -55,6 +55,14 @@ pub enum Error {
         limit: u128,
         /// Remedy.
         advice: &'static str,
+    },
+    /// The file is no image.
+    #[error("{path}: {source}", path = .path.display())]
+    NoImage {
+        /// The file.
+        path: PathBuf,
+        /// Content found instead.
+        source: NoImage,
     },
     /// The file is not a session of this program, or an empty one.
     #[error("{path}: {source}", path = .path.display())]
@@ -115,6 +123,23 @@ impl From<Error> for sonoweave_core::Error {
     }
 }
 
+/// Returns the words for the place of a header's fault.
+pub(crate) fn place(field: &str) -> String {
+    let is_line = field.starts_with("line ") || field == "blank line";
+    if is_line { field.to_owned() } else { format!("field {field}") }
+}
+
+/// Reason why a file is no image.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoImage {
+    /// A file without content.
+    #[error("is empty; copy or record it again")]
+    Empty,
+    /// A file of another kind, in words.
+    #[error("is {0} and no image file; give one in MetaImage, NRRD or NIfTI")]
+    Foreign(&'static str),
+}
+
 /// Reason why a message gives no reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
@@ -136,7 +161,9 @@ pub enum Unreadable {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoSession {
     /// An MCAP file of another program.
-    #[error("is not a session of sonoweave but an MCAP file of profile {profile:?}, written by {library:?}")]
+    #[error(
+        "is not a session of sonoweave but an MCAP file of profile {profile:?}, written by {library:?}; give a recorded session"
+    )]
     Foreign {
         /// The file's profile.
         profile: String,
@@ -144,13 +171,13 @@ pub enum NoSession {
         library: String,
     },
     /// An MCAP file of this program's profile, without a description of a session.
-    #[error("is not a session of sonoweave: its first chunk does not describe one")]
+    #[error("is not a session of sonoweave: its first chunk does not describe one; give a recorded session")]
     Undescribed,
     /// The recording ended before its first chunk was on the disk.
-    #[error("is an empty session: it ends before its first chunk")]
+    #[error("is an empty session: it ends before its first chunk; give a recorded session")]
     Empty,
     /// No chunk of MCAP was found.
-    #[error("is not a session: the file has no complete chunk of MCAP")]
+    #[error("is not a session: the file has no complete chunk of MCAP; give a recorded session")]
     NoChunk,
 }
 
@@ -158,19 +185,19 @@ pub enum NoSession {
 #[derive(Debug, thiserror::Error)]
 pub enum Unwritable {
     /// A sequence without items, or with images without pixels.
-    #[error("a sequence needs at least one item, and its images at least one pixel along both axes")]
+    #[error("a sequence must have at least one item, and its images at least one pixel along both axes")]
     EmptySequence,
     /// A volume without voxels.
-    #[error("a volume needs at least one voxel along each axis, of at least one channel")]
+    #[error("a volume must have at least one voxel along each axis, of at least one channel")]
     EmptyVolume,
     /// More bytes than 64 bits can count.
-    #[error("the pixels would take more than 2⁶⁴ bytes")]
+    #[error("the pixels would take more than 2⁶⁴ bytes; write fewer")]
     TooLarge,
     /// The position of a volume is invalid.
     #[error("a volume's spacing must be positive, and its origin and axes finite")]
     Place,
     /// An invalid number of channels.
-    #[error("{0} channels were given; images have 1 to 4")]
+    #[error("{0} channels were given; give 1 to 4")]
     Channels(u32),
     /// The file's name has an unknown ending.
     #[error("{content} are written as {endings}; give such a name")]
@@ -199,7 +226,7 @@ pub enum Unwritable {
         value: String,
     },
     /// A field is given twice, or the writer sets it itself.
-    #[error("field {0} is given twice, or is one that the writer sets itself")]
+    #[error("field {0} is given twice, or is one that the writer sets itself; leave it out")]
     FieldTwice(String),
     /// The field of the spacing holds something else.
     #[error("field ElementSpacing is {0:?}; it must be two or three lengths")]
@@ -223,7 +250,7 @@ pub enum Unwritable {
         seconds: f64,
     },
     /// A status word that readers take as valid.
-    #[error("the status {0:?} would read back as valid; use Status::Ok")]
+    #[error("the status {0:?} would read back as valid; give another word")]
     Status(String),
     /// The header would not be readable.
     #[error("the header would not be readable: {0}")]
@@ -236,7 +263,7 @@ pub enum Unwritable {
     NiftiSize(u32),
     /// A voxel type that NIfTI-1 lacks.
     #[error(
-        "NIfTI-1 has no voxels of {channels} channels of {pixel:?}, and colours only as 3 or 4 of U8; write another format"
+        "NIfTI-1 has no voxels of {channels} channels of {pixel}, and colours only as 3 or 4 of u8; write another format"
     )]
     NiftiType {
         /// Channels of a voxel.
@@ -248,7 +275,7 @@ pub enum Unwritable {
     #[error("the fields take {0} bytes, more than a NIfTI-1 header can hold; write another format")]
     NiftiFields(usize),
     /// A frame has another size than the header states.
-    #[error("a frame of {given} bytes was given, the header promises {expected}")]
+    #[error("a frame of {given} bytes was given, but it must have the {expected} that the header promises")]
     FrameSize {
         /// Bytes given.
         given: usize,
@@ -267,7 +294,7 @@ pub enum Unwritable {
     #[error("the device name {0:?} is taken or invalid; give each device a name of its own, without slashes")]
     DeviceName(String),
     /// MCAP does not permit the content.
-    #[error("MCAP does not permit this content: {0}")]
+    #[error("MCAP does not permit this content: {0}; shorten names and notes")]
     Mcap(#[source] mcap::McapError),
 }
 
@@ -303,14 +330,20 @@ mod tests {
             (Error::Session { path: path(), problem: "is odd".into() }, "f: is odd"),
             (
                 no_session(foreign),
-                "f: is not a session of sonoweave but an MCAP file of profile \"ros2\", written by \"x\"",
+                "f: is not a session of sonoweave but an MCAP file of profile \"ros2\", written by \"x\"; give a recorded session",
             ),
             (
                 no_session(NoSession::Undescribed),
-                "f: is not a session of sonoweave: its first chunk does not describe one",
+                "f: is not a session of sonoweave: its first chunk does not describe one; give a recorded session",
             ),
-            (no_session(NoSession::Empty), "f: is an empty session: it ends before its first chunk"),
-            (no_session(NoSession::NoChunk), "f: is not a session: the file has no complete chunk of MCAP"),
+            (
+                no_session(NoSession::Empty),
+                "f: is an empty session: it ends before its first chunk; give a recorded session",
+            ),
+            (
+                no_session(NoSession::NoChunk),
+                "f: is not a session: the file has no complete chunk of MCAP; give a recorded session",
+            ),
         ] {
             assert_eq!(error.to_string(), text);
         }
@@ -322,12 +355,12 @@ mod tests {
         for (error, text) in [
             (
                 Unwritable::EmptySequence,
-                "a sequence needs at least one item, and its images at least one pixel along both axes",
+                "a sequence must have at least one item, and its images at least one pixel along both axes",
             ),
-            (Unwritable::EmptyVolume, "a volume needs at least one voxel along each axis, of at least one channel"),
-            (Unwritable::TooLarge, "the pixels would take more than 2⁶⁴ bytes"),
+            (Unwritable::EmptyVolume, "a volume must have at least one voxel along each axis, of at least one channel"),
+            (Unwritable::TooLarge, "the pixels would take more than 2⁶⁴ bytes; write fewer"),
             (Unwritable::Place, "a volume's spacing must be positive, and its origin and axes finite"),
-            (Unwritable::Channels(5), "5 channels were given; images have 1 to 4"),
+            (Unwritable::Channels(5), "5 channels were given; give 1 to 4"),
             (
                 Unwritable::FileName { content: "volumes", endings: ".mha or .nii" },
                 "volumes are written as .mha or .nii; give such a name",
@@ -340,7 +373,10 @@ mod tests {
                 Unwritable::FieldValue { name: name.clone(), value: value.clone() },
                 "the value \"x\" of field A must not hold line ends or begin or end in a space",
             ),
-            (Unwritable::FieldTwice(name.clone()), "field A is given twice, or is one that the writer sets itself"),
+            (
+                Unwritable::FieldTwice(name.clone()),
+                "field A is given twice, or is one that the writer sets itself; leave it out",
+            ),
             (Unwritable::Spacing(value.clone()), "field ElementSpacing is \"x\"; it must be two or three lengths"),
             (
                 Unwritable::FrameNames { from: name, to: value },
@@ -350,7 +386,7 @@ mod tests {
                 Unwritable::Time { name: "Timestamp", frame: 3, seconds: f64::NAN },
                 "the Timestamp of frame 3 is NaN; it must be finite",
             ),
-            (Unwritable::Status("ok".into()), "the status \"ok\" would read back as valid; use Status::Ok"),
+            (Unwritable::Status("ok".into()), "the status \"ok\" would read back as valid; give another word"),
             (Unwritable::Header("field A: is odd".into()), "the header would not be readable: field A: is odd"),
             (
                 Unwritable::Meaning(2),
@@ -362,13 +398,16 @@ mod tests {
             ),
             (
                 Unwritable::NiftiType { channels: 2, pixel: sonoweave_core::reading::PixelType::U8 },
-                "NIfTI-1 has no voxels of 2 channels of U8, and colours only as 3 or 4 of U8; write another format",
+                "NIfTI-1 has no voxels of 2 channels of u8, and colours only as 3 or 4 of u8; write another format",
             ),
             (
                 Unwritable::NiftiFields(9),
                 "the fields take 9 bytes, more than a NIfTI-1 header can hold; write another format",
             ),
-            (Unwritable::FrameSize { given: 7, expected: 8 }, "a frame of 7 bytes was given, the header promises 8"),
+            (
+                Unwritable::FrameSize { given: 7, expected: 8 },
+                "a frame of 7 bytes was given, but it must have the 8 that the header promises",
+            ),
             (
                 Unwritable::Unfinished { written: 7, expected: 8 },
                 "7 of 8 bytes of pixels were written; the file is not kept: write all before finishing",

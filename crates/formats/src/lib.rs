@@ -11,7 +11,7 @@ pub mod image;
 pub mod session;
 pub mod whole;
 
-pub use error::{Error, NoSession, Unreadable, Unwritable};
+pub use error::{Error, NoImage, NoSession, Unreadable, Unwritable};
 
 /// Upper bounds that keep a damaged or hostile file from exhausting the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -33,7 +33,7 @@ pub enum IgtlError {
     #[error("the command is unknown; give start, stop, save, freeze, unfreeze or clear")]
     UnknownCommand,
     /// `start` while the session runs.
-    #[error("the session runs already; there is nothing to start")]
+    #[error("the session runs already; stop it first to start another")]
     Running,
     /// A command that changes the volume of a replay.
     #[error("the session is a replay, which cannot be changed; give start, stop or save")]

@@ -108,7 +108,7 @@ pub enum UnsureReason {
     #[error("no picture edge found on the {}: the frame's edge counts; set a clip, or none, otherwise", .0.join(", "))]
     OpenSides(Vec<&'static str>),
     /// The rim of the frame has no even level.
-    #[error("the frame has no even border: the most frequent level holds {:.0} % of its rim", 100.0 * .share)]
+    #[error("the frame has no even border: the most frequent level holds {:.0} % of its rim; set a clip", 100.0 * .share)]
     NoBorder {
         /// Share of the rim with the most frequent level, 0 to 1.
         share: f64,

@@ -170,10 +170,10 @@ pub enum MaskError {
     #[error("X,Y,R0,R1,A0,A1: {0}")]
     Numbers(#[from] BadNumbers),
     /// The text is not a clip region.
-    #[error("\"{0}\" is neither auto, none, nor four whole numbers of pixels X,Y,W,H")]
+    #[error("\"{0}\" must be auto, none, or four whole numbers of pixels X,Y,W,H")]
     NotClip(String),
     /// The text of a rectangle does not hold four numbers.
-    #[error("X,Y,W,H are 4 numbers, not {0}")]
+    #[error("X,Y,W,H must be 4 numbers, not {0}")]
     Count(usize),
     /// The calibration is for frames of another size.
     #[error(

@@ -12,7 +12,7 @@ pub enum MeasureError {
         most: usize,
     },
     /// A figure with another number of points than it takes.
-    #[error("the figure takes {takes}, not {count}")]
+    #[error("the figure must have {takes}, not {count}")]
     Points {
         /// The points that it takes.
         takes: &'static str,

@@ -139,7 +139,7 @@ pub enum PhantomError {
     },
     /// A fan beside the image.
     #[error(
-        "the fan leaves no pixel of a picture of {width}×{height} pixels; its numbers are in pixels of that picture"
+        "the fan leaves no pixel of a picture of {width}×{height} pixels; give its numbers in pixels of that picture"
     )]
     EmptyFan {
         /// Pixels along u.
@@ -161,7 +161,7 @@ pub enum PhantomError {
     },
     /// Pixels in which the field would not be a fan.
     #[error(
-        "a curvilinear transducer's field is a fan in square pixels only, not in pixels of {pixel_mm:?} mm; give one size"
+        "a curvilinear transducer's field is a fan in square pixels only, not in pixels of {} mm; give one size", pixel_mm.map(|mm| mm.to_string()).join("×")
     )]
     OblongPixels {
         /// Pixel spacing along u and v, mm.
@@ -189,7 +189,7 @@ pub enum PhantomError {
         why: CalibrationError,
     },
     /// Too many voxels for a truth volume.
-    #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]
+    #[error("a truth volume of {} voxels is larger than the limit of {limit} voxels; choose a coarser spacing", size.map(|n| n.to_string()).join("×"))]
     VolumeSize {
         /// Voxels along x, y, z.
         size: [u64; 3],

@@ -90,11 +90,11 @@ pub enum PipelineError {
         source: Refused,
     },
     /// No frame was used.
-    #[error("no frame could be used: {0}")]
+    #[error("no frame could be used: {0}; check the recording by these reasons")]
     NothingUsed(Box<Ledger>),
     /// The requested frames are not in the recording, or none of them has a usable pose.
     #[error(
-        "the frames {start}..{end} hold none that can be used: the recording has frames 0 to {last}",
+        "the frames {start}..{end} hold none that can be used; give a range within 0 to {last}",
         start = frames.start,
         end = if frames.end == u64::MAX { String::new() } else { frames.end.to_string() },
         last = total.saturating_sub(1)

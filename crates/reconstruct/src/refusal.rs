@@ -9,10 +9,10 @@ use super::settings::SettingsError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refused {
     /// Same image and same pose as the slice before: it adds nothing.
-    #[error("the picture and its pose are those of the slice before")]
+    #[error("the picture and its pose are those of the slice before; move the probe")]
     Repeated,
     /// The image size differs from that of the mask.
-    #[error("the picture has {found:?} pixels; this reconstruction began with {expected:?}")]
+    #[error("the picture has {}×{} pixels; this reconstruction began with {}×{}: begin a new one", found[0], found[1], expected[0], expected[1])]
     Size {
         /// Pixels along u and v.
         found: [u32; 2],
@@ -21,7 +21,7 @@ pub enum Refused {
     },
     /// The pose spans no plane: it is not finite, or its image axes have no length or the same
     /// direction.
-    #[error("the pose places no plane in the world")]
+    #[error("the pose places no plane in the world; check the calibration's matrix")]
     Degenerate,
     /// The pose is so far away that voxel indices would not fit.
     #[error("the slice lies beyond the lattice's 32-bit brick indices: check the poses' unit, or the voxel spacing")]

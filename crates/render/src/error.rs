@@ -13,7 +13,8 @@ pub enum RenderError {
     },
     /// An invalid direction, or an impossible perspective angle.
     #[error(
-        "the view {view:?} is none: azimuth, elevation and roll must be numbers of degrees, and a perspective's angle more than 0 and at most 170 degrees"
+        "the view is none: azimuth, elevation and roll must be numbers of degrees, not {}, {}, {}, and a perspective's angle more than 0 and at most 170 degrees",
+        view.azimuth, view.elevation, view.roll
     )]
     View {
         /// The view.
@@ -32,7 +33,8 @@ pub enum RenderError {
     },
     /// No box, or one that is too large.
     #[error(
-        "the box of voxels {low:?} to {high:?} cannot be looked at: it must have voxels, and not more than a table of its 8³ bricks can hold; crop the volume"
+        "the box of voxels {} to {} cannot be looked at: it must have voxels, and not more than a table of its 8³ bricks can hold; crop the volume",
+        low.map(|n| n.to_string()).join(","), high.map(|n| n.to_string()).join(",")
     )]
     Box {
         /// First voxel.
@@ -72,9 +74,7 @@ pub enum RenderError {
         mode: &'static str,
     },
     /// An invalid part of the render region.
-    #[error(
-        "part {part} of {parts} is none: parts are counted from 0, and there may be one a layer of bricks, {layers} of them"
-    )]
+    #[error("part {part} of {parts} is none: give one from 0 on, of at most {layers} parts, one a layer of bricks")]
     Part {
         /// Number of the part.
         part: u32,

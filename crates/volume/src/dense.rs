@@ -82,8 +82,8 @@ pub enum DenseError {
     },
     /// More memory than allowed.
     #[error(
-        "{path}: {size:?} voxels would take {needed:.1} GiB of memory, of which {limit:.1} may be taken: raise the memory limit, or crop the volume",
-        path = path.display(), needed = gib(*needed_bytes), limit = gib(*limit_bytes)
+        "{path}: {} voxels would take {needed:.1} GiB of memory, of which {limit:.1} may be taken: raise the memory limit, or crop the volume",
+        size.map(|n| n.to_string()).join("×"), path = path.display(), needed = gib(*needed_bytes), limit = gib(*limit_bytes)
     )]
     Memory {
         /// The file.

@@ -22,16 +22,18 @@ const ON_VOXEL: f64 = 1e-6;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Apart {
     /// Several values a voxel.
-    #[error("volumes of several channels are not compared")]
+    #[error("volumes of several channels are not compared; give volumes of one")]
     Channels,
     /// A volume without a position in space.
-    #[error("one is a NIfTI that does not say where it lies (the codes of sform and qform are 0)")]
+    #[error(
+        "one is a NIfTI that does not say where it lies (the codes of sform and qform are 0); give the file it was made of"
+    )]
     Placeless,
     /// Different lattices: the property that differs.
     #[error("{0}")]
     Lattices(String),
     /// One lattice, but no common voxel.
-    #[error("they do not overlap")]
+    #[error("they do not overlap; give two volumes of one place")]
     Disjoint,
 }
 

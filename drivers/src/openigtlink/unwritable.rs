@@ -16,11 +16,12 @@ pub enum Unwritable {
         size: usize,
     },
     /// The protocol does not have the pixel type.
-    #[error("OpenIGTLink has no pixels of type {0:?}")]
+    #[error("OpenIGTLink has no pixels of type {0}; send another type")]
     PixelType(PixelType),
     /// The pixels do not form an image.
     #[error(
-        "{bytes} bytes are not a box of {part:?} from {first:?} of {size:?} voxels of {channels} channels of {pixel:?}"
+        "{bytes} bytes are not a box of {} from {} on, of {} voxels of {channels} channels of {pixel}; send the whole box",
+        sides(*part), sides(*first), sides(*size)
     )]
     Part {
         /// Bytes of the pixels.
@@ -39,4 +40,9 @@ pub enum Unwritable {
     /// The name does not fit.
     #[error(transparent)]
     Name(#[from] Unfit),
+}
+
+/// Returns the lengths of a box's sides as a text.
+fn sides(box_of: [u16; 3]) -> String {
+    box_of.map(|side| side.to_string()).join("×")
 }

@@ -61,7 +61,7 @@ fn replay_of_all_or_one_device_matches_recording() {
     }
     let missing = SessionSettings { device: Some("arm".into()), ..settings.clone() };
     let error = drivers::open(&OpenSettings::Session(missing)).err().unwrap();
-    assert!(error.to_string().ends_with("has no device \"arm\"; it has tracker, grabber"), "{error}");
+    assert!(error.to_string().ends_with("has no device \"arm\"; give one of its own: tracker, grabber"), "{error}");
     assert!(matches!(error, drivers::Error::NoDevice { .. }));
     let mut device = drivers::open(&OpenSettings::Session(settings)).unwrap();
     assert!(device.home(1).is_err());

@@ -179,7 +179,7 @@ impl Outputs {
             } else {
                 write_json(path, report)
             };
-            written.map_err(|e| Failure(format!("{}: writing failed: {e}", path.display())))?;
+            written.map_err(|e| Failure::io(path, "writing", &e))?;
         }
         Ok(())
     }

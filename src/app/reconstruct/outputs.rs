@@ -10,7 +10,7 @@ use export::dicom::Identifiers;
 use export::dicom::volume::VolumeImage;
 use export::fill::{FILLED, Filling};
 use export::planes::{PlanesOptions, VoxelValue, Window, planes};
-use export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
+use export::volume::{DenseBox, Encoding, MOST_VOXELS, Scalar, write_values, write_weights};
 use mask::MaskSettings;
 use pipeline::{Outcome, PixelKind};
 use statistics::{FillNumbers, Source, Statistics};
@@ -71,6 +71,11 @@ impl OutputOptions {
                     "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
                 ));
             }
+        }
+        let voxels = |size: [u64; 3]| size.into_iter().try_fold(1_u64, u64::checked_mul);
+        if let Some(size) = self.size.filter(|size| voxels(*size).is_none_or(|all| all > MOST_VOXELS)) {
+            let [x, y, z] = size;
+            fail!("--size {x},{y},{z}: is more than {MOST_VOXELS} voxels, the most of a file; give a smaller size");
         }
         for path in volumes.into_iter().flatten() {
             if volume == Some(path) && input::is_dicom(path) {

@@ -42,8 +42,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let geometry = PhantomSettings::read(phantom)?.geometry;
     let plates = Plates::of(&geometry).map_err(|e| within(e.to_string()))?;
     let svg = drawing(&geometry, &plates).map_err(|e| within(e.to_string()))?;
-    write_whole(output, |to| to.write_all(svg.as_bytes()))
-        .map_err(|e| Failure(format!("{}: writing failed: {e}", output.display())))?;
+    write_whole(output, |to| to.write_all(svg.as_bytes())).map_err(|e| Failure::io(output, "writing", &e))?;
     let [front, back] = plates.plates.each_ref().map(|plate| plate.holes.len());
     print(&format!(
         "{}: {} wires between {front} holes in the front plate and {back} in the back one; print it at 100 %\n",

@@ -22,7 +22,7 @@ use super::session::{Igtl, Pairing, Process, Record, Scanner, Status};
 use super::virtual_bedside::{self, VirtualBedside};
 use super::volume::{Picture, Volume};
 use crate::error::Error;
-use crate::kind::{Kind, MAX_BYTES};
+use crate::kind::Kind;
 use crate::settings::{Settings, SourceKind};
 use crate::texts::{ByPath, Texts};
 
@@ -239,7 +239,7 @@ fn read_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<GivenCali
                 .error("image_to_probe", "file is there too and also gives the image's position; delete one of them"));
         }
         (Some(file), None) => {
-            let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
+            let mut settings = Settings::parse(&file, &keys.named("file", &file, texts)?, preset.as_deref())?;
             let name = match &settings.preset {
                 Some(preset) => format!("the preset \"{}\"", preset.name),
                 None => "the probe's calibration".into(),

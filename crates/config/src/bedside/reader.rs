@@ -14,6 +14,8 @@ use super::schema::devices::Noise;
 use super::schema::values::{LatencyMs, Notation, RelativePath, ns};
 use super::schema::{self, Section};
 use crate::Error;
+use crate::kind::MAX_BYTES;
+use crate::texts::Texts;
 
 /// Largest noise of a sensor, mm and degrees.
 const MOST_NOISE: f64 = 10.0;
@@ -92,6 +94,20 @@ impl<'a, 'e> Reader<'a, 'e> {
         let given = self.entry(key.split('[').next().unwrap_or(key));
         let line = given.map_or_else(|| self.line(), |entry| entry.line());
         self.error_at(line, format!("{}.{key}", self.section.name), problem.into())
+    }
+
+    /// Returns the text of the file that a key names.
+    pub(super) fn named(&self, key: &str, file: &Path, texts: &Texts) -> Result<String, Error> {
+        texts.text(file, MAX_BYTES).map_err(|error| match error {
+            FileError::Io { doing, source, .. } => {
+                let file = file.display();
+                self.error(
+                    key,
+                    format!("names {file}, but {doing} failed: {source}; correct the name, or make the file"),
+                )
+            }
+            other => other.into(),
+        })
     }
 
     fn error_at(&self, line: usize, key: String, problem: String) -> Error {

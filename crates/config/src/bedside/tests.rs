@@ -244,13 +244,16 @@ fn errors_name_file_line_key_and_valid_values() {
         ("[pairing]\nwait_ms = -1\n", "pairing.wait_ms (line 10): must lie between 0 and 10000, not at -1"),
         ("[virtual]\nscene = \"cat\"\n", "virtual.scene (line 10): \"cat\" is none of constant, ramp, blobs"),
         ("[virtual]\ntrajectory = \"fan\"\ngap_mm = 5\n", "[virtual] (line 9): the fan would turn"),
-        ("[calibration]\nfile = \"gone.toml\"\n", "gone.toml: reading failed"),
+        (
+            "[calibration]\nfile = \"gone.toml\"\n",
+            "calibration.file (line 10): names gone.toml, but reading failed: No such file",
+        ),
         (
             "[calibration]\nimage_to_probe = [1, 2]\n",
             "calibration.image_to_probe (line 10): must hold 16 numbers, not 2",
         ),
         ("[calibration]\nclip_px = [1, 2, 3]\n", "calibration.clip_px (line 10): must hold 4 whole numbers, not 3"),
-        ("[calibration]\nclip_px = \"all\"\n", "calibration.clip_px (line 10): \"all\" is neither auto, none"),
+        ("[calibration]\nclip_px = \"all\"\n", "calibration.clip_px (line 10): \"all\" must be auto, none"),
         (
             "[calibration]\nfan = { origin_px = [0, 0], radii_px = [5, 2], angles_deg = [-1, 1] }\n",
             "calibration.fan (line 10): a fan's radii must grow",

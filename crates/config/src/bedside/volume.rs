@@ -16,7 +16,7 @@ use super::schema;
 use crate::texts::Texts;
 use crate::view_settings::{Draw, ViewSettings};
 use crate::weighing::Weighing;
-use crate::{Error, MAX_BYTES, Settings as Calibration, values};
+use crate::{Error, Settings as Calibration, values};
 
 /// Voxel spacing when neither the session configuration nor the calibration has one, mm.
 pub const SPACING_MM: f64 = 0.5;
@@ -130,7 +130,7 @@ impl Picture {
         // Reads the file now: it may be gone later.
         let file = named.as_deref().filter(|name| name.ends_with(".toml")).map(|name| keys.path_of(name));
         let read = match &file {
-            Some(file) => Some(Transfer::parse(file, &texts.text(file, MAX_BYTES)?)?),
+            Some(file) => Some(Transfer::parse(file, &keys.named("transfer", file, texts)?)?),
             None => None,
         };
         let transfer = file.map(|file| file.to_string_lossy().into_owned()).or(named);

@@ -142,7 +142,8 @@ impl Image<'_> {
             .put(tags::POSITION_REFERENCE_INDICATOR, VR::LO, "")
             .put(tags::INSTANCE_NUMBER, VR::IS, "1")
             .put(tags::PATIENT_ORIENTATION, VR::CS, "")
-            .put(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "00");
+            .put(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "00")
+            .put(tags::CONTENT_QUALIFICATION, VR::CS, "RESEARCH");
         let descriptions =
             [(tags::STUDY_DESCRIPTION, &ids.study_description), (tags::SERIES_DESCRIPTION, &ids.series_description)];
         for (tag, text) in descriptions.into_iter().filter_map(|(tag, text)| Some((tag, text.clone()?))) {

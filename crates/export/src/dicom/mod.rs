@@ -21,6 +21,10 @@
 //! - Body part: the SNOMED CT code 123037004 "Body structure".
 //! - Matrix from the volume to a transducer moved by hand (relationship VARIABLE): the identity.
 //!
+//! **Purpose.** Every file has Content Qualification (0018,9004) RESEARCH, an attribute of the SOP
+//! common module, so that an archive can filter by it. Image Comments (0020,4000) give the
+//! program's notice in words, which viewers show. Both are optional attributes of all images.
+//!
 //! **Unseen voxels.** DICOM has no weights. Unseen voxels have the value that the export gives
 //! them (0 by default), and the image's comments give it. There is no pixel padding value,
 //! because seen voxels can have that value, too.

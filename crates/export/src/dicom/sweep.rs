@@ -10,6 +10,8 @@ use std::path::Path;
 use dicom_core::{PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 
+use sonoweave_core::NOTICE;
+
 use super::dataset::{Dataset, Image, Pixels, write};
 use super::{ExportError, Identifiers, bytes, edges};
 
@@ -102,6 +104,7 @@ impl Sweep<'_> {
         let mut dataset = image
             .dataset()
             .texts(tags::IMAGE_TYPE, VR::CS, &["ORIGINAL", "PRIMARY"])
+            .put(tags::IMAGE_COMMENTS, VR::LT, NOTICE)
             .put(tags::CONTENT_DATE, VR::DA, date)
             .put(tags::CONTENT_TIME, VR::TM, time)
             .put(tags::FRAME_INCREMENT_POINTER, VR::AT, PrimitiveValue::from(tags::FRAME_TIME_VECTOR))

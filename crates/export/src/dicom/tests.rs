@@ -5,6 +5,7 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_object::{DefaultDicomObject, open_file};
 use glam::{DMat3, DVec3};
 
+use sonoweave_core::NOTICE;
 use volume::Grid;
 
 use super::dataset::decimal;
@@ -54,6 +55,13 @@ fn text(object: &DefaultDicomObject, tag: Tag) -> String {
     object.element(tag).unwrap().to_str().unwrap().into_owned()
 }
 
+/// Asserts that a file states its purpose, for archives and for readers.
+fn is_for_research(object: &DefaultDicomObject) {
+    assert_eq!(text(object, tags::CONTENT_QUALIFICATION), "RESEARCH");
+    let comments = text(object, tags::IMAGE_COMMENTS);
+    assert!(comments.starts_with(NOTICE), "{comments}");
+}
+
 #[test]
 fn volume_planes_lie_at_voxel_positions() {
     let folder = tempfile::tempdir().unwrap();
@@ -89,6 +97,7 @@ fn volume_planes_lie_at_voxel_positions() {
             assert_eq!(at, expected.to_array(), "to the last bit");
         }
         assert!(text(&read, tags::IMAGE_COMMENTS).contains("no slice reached have the value 7"));
+        is_for_research(&read);
     }
 }
 
@@ -110,6 +119,7 @@ fn sweep_keeps_frames_times_scale_and_poses() {
     assert_eq!(text(&read, Tag(0x0009, 0x0010)), "SONOWEAVE");
     assert_eq!(read.element(Tag(0x0009, 0x1001)).unwrap().to_multi_float64().unwrap(), poses.as_flattened());
     assert_eq!(text(&read, Tag(0x0009, 0x1002)), "Reference");
+    is_for_research(&read);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use dicom_core::{PrimitiveValue, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
+use sonoweave_core::NOTICE;
 use volume::Grid;
 
 use super::dataset::{Dataset, Image, Pixels, write};
@@ -109,8 +110,8 @@ impl VolumeImage<'_> {
             content: vec![&geometry, &size, voxels],
         };
         let (date, time) = self.identifiers.acquired();
-        let unseen = format!(
-            "Frame of reference: {} of the recording (mm, not a patient's). Voxels that no slice reached have the value {}.",
+        let comments = format!(
+            "{NOTICE} Frame of reference: {} of the recording (mm, not a patient's). Voxels that no slice reached have the value {}.",
             self.world, self.unseen
         );
         let dimensions = super::uid::uid(["dimensions", &image.frame_of_reference()].map(str::as_bytes));
@@ -122,7 +123,7 @@ impl VolumeImage<'_> {
             .put(tags::CONTENT_TIME, VR::TM, time)
             .put(tags::ACQUISITION_DATE_TIME, VR::DT, format!("{date}{time}"))
             .doubles(tags::ACQUISITION_DURATION, [0.0])
-            .put(tags::IMAGE_COMMENTS, VR::LT, unseen)
+            .put(tags::IMAGE_COMMENTS, VR::LT, comments)
             // Ultrasound frame of reference: that of the world, in which the transducer was
             // moved by hand.
             .put(tags::VOLUME_FRAME_OF_REFERENCE_UID, VR::UI, image.frame_of_reference())

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::Error;
+use crate::error::place;
 
 /// A header error without its file.
 #[derive(Debug, PartialEq, Eq)]
@@ -21,7 +22,7 @@ impl Fault {
     /// Formats the fault for a caller that names the file itself.
     pub(crate) fn sentence(self) -> String {
         match self {
-            Self::Field { field, problem, .. } => format!("field {field}: {problem}"),
+            Self::Field { field, problem, .. } => format!("{}: {problem}", place(&field)),
             Self::Limit { what, value, limit, advice } => format!("{what} is {value}, more than {limit}: {advice}"),
         }
     }

@@ -160,7 +160,10 @@ impl Parser {
 
     /// Creates a fault of the present line, which does not look like one of this format.
     pub(crate) fn foreign(&self, what: &str) -> Fault {
-        self.unnamed(format!("{what}; this is not a {} header, or a damaged one", self.header.grammar.name))
+        self.unnamed(format!(
+            "{what}; this is not a {} header, or a damaged one: check the name, or copy the file again",
+            self.header.grammar.name
+        ))
     }
 
     /// Creates a fault of the named field in the present line.

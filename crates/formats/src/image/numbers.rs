@@ -5,7 +5,7 @@
 pub(crate) enum BadNumber {
     #[error("{0} is negative; it must be a whole number from 0 on")]
     Negative(String),
-    #[error("{0} does not fit 64 bits; the header is damaged")]
+    #[error("{0} does not fit 64 bits; correct it, or copy the file again")]
     TooLarge(String),
     #[error("{0:?} is not a whole number from 0 on; correct it")]
     NotWhole(String),

@@ -10,7 +10,7 @@ use crate::image::header::{Grammar, Header, Parser};
 use crate::image::layout::{Content, Layout};
 use crate::image::sequence::Sequence;
 use crate::image::{metaimage, nifti, nrrd};
-use crate::{Error, Limits};
+use crate::{Error, Limits, NoImage};
 
 /// An opened file with a valid header `H`. The reader is at the beginning of the pixel data.
 pub struct Opened<H = Sequence> {
@@ -48,6 +48,9 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<Opened<Header>, Error
         let problem = "makes this a NIfTI volume (or a compressed file), not a sequence of frames; give a sequence";
         return Err(Fault::field("sizeof_hdr", 0, problem).at(path));
     }
+    if let Some(source) = foreign(begins) {
+        return Err(Error::NoImage { path: path.to_owned(), source });
+    }
     let grammar = if begins.starts_with(b"NRRD") { &nrrd::grammar::GRAMMAR } else { &metaimage::grammar::GRAMMAR };
     let header = read_header(&mut reader, path, grammar, limits)?;
     let claims = (header.grammar.claims)(&header).map_err(|fault| fault.at(path))?;
@@ -62,6 +65,38 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<Opened<Header>, Error
         Ok(_) => Ok(Opened { reader, data_path, header, layout }),
         Err(source) => Err(Error::Io { path: data_path, doing: "going to the first pixel", source }),
     }
+}
+
+/// Beginnings of files that are taken for images by mistake, and their kinds in words.
+const KINDS: [(&[u8], &str); 4] = [
+    (b"\x89MCAP", "a recorded session"),
+    (b"\x89PNG", "a PNG picture"),
+    (b"format = \"sonoweave-", "a configuration or calibration file"),
+    (b"<", "an XML file"),
+];
+
+/// Returns the kind of a file whose first line is not a header's; `None` if it may be one. A header
+/// that is only damaged is left to its parser, which names the place.
+fn foreign(begins: &[u8]) -> Option<NoImage> {
+    if begins.is_empty() {
+        return Some(NoImage::Empty);
+    }
+    if let Some((_, kind)) = KINDS.iter().find(|(magic, _)| begins.starts_with(magic)) {
+        return Some(NoImage::Foreign(kind));
+    }
+    if begins.get(128..132) == Some(b"DICM") {
+        return Some(NoImage::Foreign("a DICOM file"));
+    }
+    let mut lines = begins.split_inclusive(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
+    let first = lines.next().unwrap_or(begins);
+    if begins.starts_with(b"NRRD") || first.contains(&b'=') {
+        return None;
+    }
+    let is_text = first.utf8_chunks().all(|chunk| {
+        let is_cut = chunk.invalid().is_empty() || !first.ends_with(b"\n");
+        is_cut && !chunk.valid().contains(|c: char| c.is_control() && !c.is_whitespace())
+    });
+    Some(NoImage::Foreign(if is_text { "a text" } else { "binary data of another kind" }))
 }
 
 /// Opens a NIfTI volume; returns `None` if the file is no NIfTI file.

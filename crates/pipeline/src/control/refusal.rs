@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use config::Error as ConfigError;
 use export::ExportError;
 
 use crate::MaskRefusal;
@@ -34,17 +33,17 @@ pub enum ControlError {
     Recorded,
     /// The session is live.
     #[error(
-        "this session is live; only a recorded session can be run again or shown frame by frame (sonoweave replay)"
+        "this session is live; only a recorded session can be run again or shown frame by frame: use sonoweave replay"
     )]
     Live,
     /// The replay begins or ends.
     #[error("the recording is being opened, or its replay is ending; wait a moment")]
     ReplayBusy,
     /// The replay runs.
-    #[error("the replay is running; single frames can be shown after its end, or after a stop")]
+    #[error("the replay is running; wait for its end, or stop it, to see single frames")]
     ReplayRunning,
     /// There is no such frame.
-    #[error("there is no frame {number}; the recording has 1 to {frames}")]
+    #[error("there is no frame {number}; give one from 1 to {frames}")]
     NoFrame {
         /// The requested frame.
         number: u64,
@@ -56,7 +55,7 @@ pub enum ControlError {
     Mask(#[from] MaskRefusal),
     /// The other settings of a replay are invalid.
     #[error(transparent)]
-    Settings(#[from] ConfigError),
+    Settings(#[from] config::Error),
 }
 
 /// Reason why a volume is not saved. No file is left then.

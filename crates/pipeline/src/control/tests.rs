@@ -156,7 +156,7 @@ fn save_uses_free_names_and_separates_black_from_unseen() {
     controller.volume(Err(NoVolume::Unseen));
     let last = controller.status().events.pop().unwrap();
     assert_eq!((last.how, last.number), (Progress::Failed, 3));
-    assert!(last.text.contains("no voxel was seen yet"));
+    assert!(last.text.contains("no voxel was seen yet; wait for the first slices"));
 }
 
 #[test]

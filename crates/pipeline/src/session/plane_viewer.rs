@@ -219,7 +219,9 @@ impl Planes {
         let is_known =
             self.first_slice.map(|known| known.lattice) == state.first_slice.map(|first_slice| first_slice.lattice);
         self.first_slice = state.first_slice;
-        let Some(first_slice) = state.first_slice else { return Err("no voxel was seen yet".into()) };
+        let Some(first_slice) = state.first_slice else {
+            return Err("no voxel was seen yet; wait for the first slices".into());
+        };
         let VolumeState { mut changes, .. } = state;
         match state.all {
             Some((bricks, span)) => {
@@ -242,7 +244,7 @@ impl Planes {
                 }
             }
         }
-        let Some(span) = self.span else { return Err("no voxel was seen yet".into()) };
+        let Some(span) = self.span else { return Err("no voxel was seen yet; wait for the first slices".into()) };
         let extent = extent(&first_slice, span);
         let requested = viewer.requested(&extent);
         let footprints: Vec<PlaneFootprint> =

@@ -50,7 +50,7 @@ pub enum VolumeRequest {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoVolume {
     /// No slice has reached a voxel.
-    #[error("no voxel was seen yet")]
+    #[error("no voxel was seen yet; wait for the first slices")]
     Unseen,
     /// It exceeds the reader's limit.
     #[error("the volume has {}×{}×{} voxels, more than {max_bytes} bytes; choose a coarser volume.spacing_mm", size[0], size[1], size[2])]

@@ -105,7 +105,7 @@ fn invalid_parts_and_messages_are_refused() {
     let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
     let base = &all_settings()[0];
     let refused = |part, parts| Part::new(base, &region, part, parts).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(refused(2, 2).contains("part 2 of 2") && refused(0, 0).contains("counted from 0"));
+    assert!(refused(2, 2).contains("part 2 of 2") && refused(0, 0).contains("from 0 on"));
     assert!(refused(0, 1000).contains("one a layer"));
     let mut compositor = Compositor::new(base, &region).unwrap();
     let before = compositor.picture();

@@ -91,7 +91,7 @@ pub enum SectionError {
         high: DVec3,
     },
     /// A picture without room for planes.
-    #[error("a picture of {}×{} pixels has no room for three planes: each side needs at least 8 pixels", size[0], size[1])]
+    #[error("a picture of {}×{} pixels has no room for three planes: each side must have at least 8 pixels", size[0], size[1])]
     Room {
         /// Pixels to the right and down.
         size: [u32; 2],

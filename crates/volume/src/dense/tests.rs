@@ -156,7 +156,7 @@ fn unusable_file_refused_with_reason() {
     let two = files.put("two.mha", &VolumeHeader { channels: 2, ..plain.clone() }, &[1; 48]);
     fails(&two, None, PLENTY, &["two.mha", "2 channels", "convert"]);
     fails(&path, Some(&two), PLENTY, &["two.mha", "2 channels"]);
-    fails(&path, None, 95, &["v.mha", "[4, 3, 2]", "raise the memory limit"]);
+    fails(&path, None, 95, &["v.mha", "4×3×2 voxels", "raise the memory limit"]);
     assert!(DenseVolume::open(&path, None, 96).is_ok());
     fails(&path, Some(&path), 191, &["raise the memory limit"]);
     let flat = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];

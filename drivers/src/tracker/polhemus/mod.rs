@@ -36,7 +36,7 @@ pub enum ListError {
         known: &'static str,
     },
     /// The list has more entries than a unit accepts.
-    #[error("{given} output items are more than the limit of {most}")]
+    #[error("{given} output items are more than the limit of {most}; request fewer")]
     TooMany {
         /// Entries of the list.
         given: usize,
@@ -52,10 +52,10 @@ pub enum ListError {
         most: usize,
     },
     /// Extended precision exists in text only.
-    #[error("output item {0} is extended precision, which exists in text only; in binary request {plain}", plain = .0 - 50)]
+    #[error("output item {0} is extended precision, which exists in text only; request {plain} in binary", plain = .0 - 50)]
     ExtendedBinary(u8),
     /// The 14-bit items are binary only.
-    #[error("output item {0} packs numbers into 14 bits, which exists in binary only")]
+    #[error("output item {0} packs numbers into 14 bits, which exists in binary only; request it in binary")]
     PackedText(u8),
 }
 

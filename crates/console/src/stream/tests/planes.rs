@@ -103,14 +103,17 @@ fn planes_are_made_for_subscribers_and_sent_with_position() {
     arrived.sort_unstable();
     assert_eq!(arrived, [3, 4, 5, 6]);
     // The volume is replaced by one in which nothing was seen.
-    session.broadcaster.nothing("no voxel was seen yet");
+    session.broadcaster.nothing("no voxel was seen yet; wait for the first slices");
     let reported = page.word("plane");
-    assert_eq!((&reported["none"], &reported["sequence"]), (&json!("no voxel was seen yet"), &json!(2)));
+    assert_eq!(
+        (&reported["none"], &reported["sequence"]),
+        (&json!("no voxel was seen yet; wait for the first slices"), &json!(2))
+    );
     (0..4).for_each(|_| assert_eq!(page.picture().len(), 43));
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": false }));
     until("nobody looks at planes any more", || !session.broadcaster.is_watched_in_planes());
     let made = session.broadcaster.made(Kind::Free);
-    session.broadcaster.nothing("no voxel was seen yet");
+    session.broadcaster.nothing("no voxel was seen yet; wait for the first slices");
     assert_eq!((cut(&session, 8).len(), session.broadcaster.made(Kind::Free)), (0, made));
     // A page that subscribes again gets no outdated picture.
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));

@@ -17,7 +17,7 @@ pub enum CurveError {
     #[error("holds no points: give at least one")]
     Empty,
     /// NaN, infinite, or larger than any intensity.
-    #[error("stands at {position}, which is no finite number within ±1e30")]
+    #[error("stands at {position}, which must be a finite number within ±1e30")]
     Position {
         /// Index of the point, from 0.
         index: usize,

@@ -20,7 +20,7 @@ pub enum TransferError {
     #[error("the surface's opacity must lie between 0 and 1, not {0}")]
     Opacity(f64),
     /// A region curve of one point.
-    #[error("borders between regions need at least two points, one for each region")]
+    #[error("borders between regions must have at least two points, one for each region")]
     Region,
     /// A gradient curve that begins below 0.
     #[error("a gradient's magnitude is never below 0: begin at 0 or above, not at {0}")]
@@ -35,6 +35,6 @@ pub enum TransferError {
     #[error("a point {0}")]
     Curve(#[from] CurveError),
     /// No preset of this name.
-    #[error("no transfer function is called \"{0}\"; there are {names}", names = preset_names::names())]
+    #[error("no transfer function is called \"{0}\"; give one of {names}", names = preset_names::names())]
     Name(String),
 }

@@ -30,8 +30,8 @@ fn curve_is_exact_at_points_and_constant_beyond() {
 fn invalid_curve_points_are_refused_by_index() {
     for (points, index, words) in [
         (&[][..], None, "at least one"),
-        (&[(0.0, 0.0), (f64::NAN, 0.5)], Some(1), "no finite number"),
-        (&[(f64::INFINITY, 0.5)], Some(0), "no finite number"),
+        (&[(0.0, 0.0), (f64::NAN, 0.5)], Some(1), "must be a finite number"),
+        (&[(f64::INFINITY, 0.5)], Some(0), "must be a finite number"),
         (&[(5.0, 0.0), (9.0, 0.5), (7.0, 1.0)], Some(2), "sort the points"),
         (&[(5.0, 0.0), (5.0, 1.0)], Some(1), "a small distance"),
         // The same number in f32.
@@ -344,7 +344,7 @@ fn presets_scale_to_any_range() {
 #[test]
 fn unknown_preset_lists_known_ones() {
     let error = Transfer::preset("tisue", [0.0, 255.0]).unwrap_err().to_string();
-    assert_eq!(error, "no transfer function is called \"tisue\"; there are tissue, bone, surface, xray and phantom");
+    assert_eq!(error, "no transfer function is called \"tisue\"; give one of tissue, bone, surface, xray and phantom");
     for range in [[1.0, 1.0], [2.0, 1.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
         let error = Transfer::preset("tissue", range).unwrap_err();
         assert!(matches!(error, TransferError::Range(_)), "{error}");
@@ -423,7 +423,7 @@ fn invalid_file_entries_are_reported_by_line() {
             "[opacity]\ncurve = 3",
             "opacity.curve (line 4): must be a list of points [intensity, opacity], not a whole number",
         ),
-        ("[opacity]\nregion = [[9, 0]]", "opacity (line 3): borders between regions need at least two points"),
+        ("[opacity]\nregion = [[9, 0]]", "opacity (line 3): borders between regions must have at least two points"),
         ("[opacity]\nisovalue = { value = 9, opacity = 0.5 }", "opacity.isovalue.thickness_mm (line 4): is missing"),
         (
             "[opacity]\nisovalue = { value = 9, thickness_mm = 1, opacity = 2 }",
