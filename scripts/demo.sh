@@ -12,7 +12,7 @@ sonoweave() { "$program" "$@"; }
 echo
 echo "== 12 s at a virtual bedside: a hand sweeps a probe to and fro over a doll in a water tank;"
 echo "   tracker and video come late and unevenly"
-sonoweave demo --duration 12 --out "$folder"
+sonoweave demo --duration 12 -o "$folder"
 session=$(echo "$folder"/SESSION-*.mcap)
 echo
 echo "== the same session from its recording: every decision is made again and compared"
@@ -25,7 +25,7 @@ echo "== its planes"
 sonoweave render "$folder/volume.mha" --weights "$folder/weights.mha" --mode slice -o "$folder/planes.png"
 echo
 echo "== 8 s of a virtual arm, by the planar path"
-sonoweave demo --arm --headless --duration 8 --out "$folder/arm"
+sonoweave demo --arm --headless --duration 8 -o "$folder/arm"
 echo
 echo "session        $session"
 echo "configuration  $folder/bedside.toml"

@@ -1,11 +1,11 @@
-//! `sonoweave-packaging FOLDER MACHINE`: writes manual pages, completions and licences to a
-//! folder, for a program built for MACHINE (rustc's target name).
+//! `sonoweave-packaging FOLDER MACHINE`: writes the licences of the linked crates to a folder, for a
+//! program built for MACHINE (rustc's target name).
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
 
-use sonoweave_packaging::{Document, command_line, completions, manual, notices};
+use sonoweave_packaging::notices;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1);
@@ -25,21 +25,10 @@ fn say(sentence: &str, code: u8) -> ExitCode {
 }
 
 fn write(folder: &Path, machine: &str) -> io::Result<()> {
-    let command = command_line();
-    put(&folder.join("man"), manual::pages(&command)?)?;
-    put(&folder.join("completions"), completions::all(&command))?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let linked = notices::linked(&notices::metadata(&root, machine)?, "sonoweave")?;
-    let content = notices::notices(&linked)?.into_bytes();
-    put(folder, vec![Document { name: "licences.txt".into(), content }])
-}
-
-fn put(folder: &Path, documents: Vec<Document>) -> io::Result<()> {
     let told = |error: io::Error, path: &Path| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     fs::create_dir_all(folder).map_err(|error| told(error, folder))?;
-    for Document { name, content } in documents {
-        let path = folder.join(name);
-        fs::write(&path, content).map_err(|error| told(error, &path))?;
-    }
-    Ok(())
+    let path = folder.join("licences.txt");
+    fs::write(&path, notices::notices(&linked)?).map_err(|error| told(error, &path))
 }
