@@ -33,7 +33,7 @@ trap 'kill "${session:-}" 2>/dev/null || true' EXIT
 
 # begin NAME: starts a session, and waits until it runs at $address.
 begin() {
-    "$SONOWEAVE" live --config "$folder/bedside.toml" --console 127.0.0.1:0 --headless --stats "$folder/$1.json" >/dev/null 2>"$folder/$1.log" &
+    "$SONOWEAVE" live --config "$folder/bedside.toml" --console 127.0.0.1:0 --headless --json="$folder/$1.json" >/dev/null 2>"$folder/$1.log" &
     session=$!
     address=
     for _ in $(seq 600); do

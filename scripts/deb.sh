@@ -39,10 +39,12 @@ pack() { gzip -9nc "$1" >"$place/packed" && put "$place/packed" "$2.gz"; }
 
 put "$built" usr/bin/sonoweave 755
 strip --strip-unneeded --remove-section=.comment --remove-section=.note "$stage/usr/bin/sonoweave"
+"$built" man --all -o "$place/made/man"
 for page in "$place"/made/man/*; do pack "$page" "usr/share/man/man${page##*.}/${page##*/}"; done
-put "$place/made/completions/sonoweave" usr/share/bash-completion/completions/sonoweave
-put "$place/made/completions/_sonoweave" usr/share/zsh/vendor-completions/_sonoweave
-put "$place/made/completions/sonoweave.fish" usr/share/fish/vendor_completions.d/sonoweave.fish
+for shell in bash zsh fish; do "$built" completions $shell -o "$place/made/$shell"; done
+put "$place/made/bash" usr/share/bash-completion/completions/sonoweave
+put "$place/made/zsh" usr/share/zsh/vendor-completions/_sonoweave
+put "$place/made/fish" usr/share/fish/vendor_completions.d/sonoweave.fish
 
 put packaging/sonoweave.service usr/lib/systemd/system/sonoweave.service
 put packaging/sonoweave.sysusers usr/lib/sysusers.d/sonoweave.conf

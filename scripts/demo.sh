@@ -26,12 +26,12 @@ if [ -z "$duration" ]; then
     echo "   10 s each way; the volume grows here and in the browser"
     # On a terminal, Ctrl-C is for the session only: this script and make go on to their ends.
     [ ! -t 0 ] || set -m
-    sonoweave demo --open --out "$folder"
+    sonoweave demo --open -o "$folder"
     set +m
 else
     echo "== $duration s at a virtual bedside: a hand sweeps a probe to and fro over a doll in a water tank;"
     echo "   tracker and video come late and unevenly"
-    sonoweave demo --duration "$duration" --out "$folder"
+    sonoweave demo --duration "$duration" -o "$folder"
 fi
 session=$(echo "$folder"/SESSION-*.mcap)
 if [ -n "$duration" ]; then
@@ -47,7 +47,7 @@ if [ -n "$duration" ]; then
     rm "$again.mha" "$again-weights.mha" "$again.png"
     echo
     echo "== 8 s of a virtual arm, by the planar path"
-    sonoweave demo --arm --headless --duration 8 --out "$folder/arm"
+    sonoweave demo --arm --headless --duration 8 -o "$folder/arm"
 fi
 echo
 echo "session        $session"

@@ -58,7 +58,7 @@ PYTHON
 
 # session NAME CONFIGURATION SECONDS
 session() {
-    sonoweave live --config "$folder/$2.toml" --duration "$3" --record "$folder/sessions-$1" --picture "$folder/$1.png" --stats "$folder/$1.json" --quiet >/dev/null
+    sonoweave live --config "$folder/$2.toml" --duration "$3" --record "$folder/sessions-$1" --picture "$folder/$1.png" --json="$folder/$1.json" --quiet >/dev/null
     report "$1" "$folder/$1.json" "$folder/figures.json"
 }
 
@@ -71,7 +71,7 @@ session start start 5
 session 60 60 "${SECONDS_60:-120}"
 session 30 30 "${SECONDS_30:-600}"
 began=$(date +%s.%N)
-sonoweave replay "$folder"/sessions-30/*.mcap --picture "$folder/again.png" --stats "$folder/again.json" >/dev/null
+sonoweave replay "$folder"/sessions-30/*.mcap --picture "$folder/again.png" --json="$folder/again.json" >/dev/null
 ended=$(date +%s.%N)
 echo "replay: $(echo "$began $ended ${SECONDS_30:-600}" | awk '{ printf "%.1f s, %.1f times as fast as it was live", $2 - $1, $3 / ($2 - $1) }')"
 cmp "$folder/30.png" "$folder/again.png"

@@ -52,7 +52,7 @@ commands='set -eu
 cd /tmp
 sonoweave=$1
 $sonoweave --version
-$sonoweave demo --headless --duration 4 --out demo >log 2>&1 || { cat log; exit 1; }
+$sonoweave demo --headless --duration 4 -o demo >log 2>&1 || { cat log; exit 1; }
 $sonoweave replay demo/SESSION-*.mcap -o again.mha >log 2>&1 || { cat log; exit 1; }
 cmp demo/volume.mha again.mha
 $sonoweave phantom -o sweep.igs.mha --scene blobs --seed 1 >log 2>&1 || { cat log; exit 1; }
@@ -85,7 +85,7 @@ try "$other"
 cmp "$place/bookworm/said" "$place/$other/said" || fail "the results differ from Debian to Debian"
 
 say "== a folder with nothing but the release"
-in_root empty /sonoweave demo --headless --duration 4 --out /tmp/demo
+in_root empty /sonoweave demo --headless --duration 4 -o /tmp/demo
 in_root empty /sonoweave phantom -o /tmp/sweep.igs.mha --scene blobs --seed 1
 in_root empty /sonoweave reconstruct /tmp/sweep.igs.mha -o /tmp/sweep.mha
 grep -qF "$(sha256sum <"$place/empty/tmp/sweep.mha" | cut -d' ' -f1)" "$place/bookworm/said" || fail "the results differ"

@@ -60,7 +60,7 @@ fn remedy(error: &(dyn std::error::Error + 'static)) -> &'static str {
         return flags;
     }
     match causes.find_map(|cause| cause.downcast_ref()) {
-        Some(Damaged { .. }) => " by `sonoweave inspect FILE --repair OUT`, which lists the missing parts",
+        Some(Damaged { .. }) => " by `sonoweave repair FILE -o OUT`, which lists the missing parts",
         _ => "",
     }
 }

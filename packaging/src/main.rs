@@ -1,11 +1,11 @@
-//! `sonoweave-packaging FOLDER MACHINE`: writes manual pages, completions, licences and the
-//! list of crates to a folder, for a program built for MACHINE (rustc's target name).
+//! `sonoweave-packaging FOLDER MACHINE`: writes the licences of the linked crates and the list of
+//! all crates to a folder, for a program built for MACHINE (rustc's target name).
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{fs, io};
 
-use sonoweave_packaging::{Document, command_line, completions, manual, notices, sbom};
+use sonoweave_packaging::{notices, sbom};
 
 /// Package of the program.
 const PROGRAM: &str = "sonoweave";
@@ -28,22 +28,14 @@ fn say(sentence: &str, code: u8) -> ExitCode {
 }
 
 fn write(folder: &Path, machine: &str) -> io::Result<()> {
-    let command = command_line();
-    put(&folder.join("man"), manual::pages(&command)?)?;
-    put(&folder.join("completions"), completions::all(&command))?;
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let metadata = notices::metadata(&root, machine)?;
     let licences = notices::notices(&notices::linked(&metadata, PROGRAM)?)?.into_bytes();
     let lock = fs::read_to_string(root.join("Cargo.lock"))?;
     let crates = sbom::sbom(&lock, &metadata, PROGRAM)?;
-    let documents = [("licences.txt", licences), ("sbom.cdx.json", crates)];
-    put(folder, documents.map(|(name, content)| Document { name: name.into(), content }).into())
-}
-
-fn put(folder: &Path, documents: Vec<Document>) -> io::Result<()> {
     let told = |error: io::Error, path: &Path| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     fs::create_dir_all(folder).map_err(|error| told(error, folder))?;
-    for Document { name, content } in documents {
+    for (name, content) in [("licences.txt", licences), ("sbom.cdx.json", crates)] {
         let path = folder.join(name);
         fs::write(&path, content).map_err(|error| told(error, &path))?;
     }

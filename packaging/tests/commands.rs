@@ -54,7 +54,7 @@ fn words(command: &str) -> Vec<String> {
 
 /// Returns why the program would refuse the command.
 fn refused(told: &QuotedCommand) -> Option<String> {
-    let error = sonoweave_packaging::command_line().try_get_matches_from(words(&told.command)).err()?;
+    let error = sonoweave::cli::command_line().try_get_matches_from(words(&told.command)).err()?;
     let unknown = matches!(error.kind(), ErrorKind::UnknownArgument | ErrorKind::InvalidSubcommand);
     let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
     (unknown || told.whole && !asked).then(|| error.to_string())

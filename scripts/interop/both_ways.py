@@ -135,7 +135,7 @@ def ours_to_others():
         for extension in ["mha", "mhd", "nrrd", "nhdr", "nii", "nii.gz"]:
             for packed in [[], ["--compress"]]:
                 path = FOLDER / f"ours-{kind}-{len(packed)}.{extension}"
-                sonoweave("convert", source.name, path.name, *packed)
+                sonoweave("convert", source.name, "-o", path.name, *packed)
                 within = 1e-4 if "nii" in extension else 1e-9
                 readers = [by_itk]
                 readers += [by_pynrrd] if extension in ["nrrd", "nhdr"] else []
@@ -150,14 +150,14 @@ def ours_to_others():
     image.SetSpacing(SPACING), image.SetOrigin(ORIGIN), image.SetDirection(rotation().flatten())
     sitk.WriteImage(image, str(FOLDER / "colour.mha"))
     for extension in ["mha", "nrrd", "nii"]:
-        sonoweave("convert", "colour.mha", f"ours-colour.{extension}")
+        sonoweave("convert", "colour.mha", "-o", f"ours-colour.{extension}")
         array, place = by_itk(FOLDER / f"ours-colour.{extension}")
         check(f"ours-colour.{extension}", array, colour, place, PLACE, 1e-4)
 
 
 def back(path, name, wanted, place, within=1e-9):
     """Converts a file by sonoweave, and reads the simplest of its formats."""
-    sonoweave("convert", path.name, "back.mha")
+    sonoweave("convert", path.name, "-o", "back.mha")
     array, got = by_itk(FOLDER / "back.mha")
     check(name, array, wanted, got, place, within)
 
@@ -201,7 +201,7 @@ def others_to_ours():
     scaled.set_data_dtype("int16")
     nibabel.save(scaled, FOLDER / "scaled.nii")
     wanted = np.asanyarray(nibabel.load(FOLDER / "scaled.nii").dataobj).T
-    sonoweave("convert", "scaled.nii", "back.mha")
+    sonoweave("convert", "scaled.nii", "-o", "back.mha")
     array, _ = by_itk(FOLDER / "back.mha")
     if not np.allclose(array, wanted, rtol=1e-6):
         sys.exit("scaled.nii: the scale is lost")
@@ -223,15 +223,15 @@ def sequences():
     fields = dict(line.split(" = ", 1) for line in text.splitlines())
     matrix = fields["Seq_Frame0003_ImageToReferenceTransform"]
     for packed in [[], ["--compress"]]:
-        sonoweave("convert", "sweep.igs.mha", "ours.igs.mhd", *packed)
+        sonoweave("convert", "sweep.igs.mha", "-o", "ours.igs.mhd", *packed)
         check("ours.igs.mhd", by_itk(FOLDER / "ours.igs.mhd")[0], wanted)
         for name in ["ours.igs.nrrd", "ours.seq.nrrd", "ours.nhdr"]:
-            sonoweave("convert", "sweep.igs.mha", name, *packed)
+            sonoweave("convert", "sweep.igs.mha", "-o", name, *packed)
             data, header = nrrd.read(str(FOLDER / name))
             check(name, data.reshape(20, 16, 7).T, wanted)
             if header["Seq_Frame0003_ImageToReferenceTransform"] != matrix:
                 sys.exit(f"{name}: the transform of frame 3 is {header['Seq_Frame0003_ImageToReferenceTransform']}")
-            sonoweave("convert", name, "back.igs.mha")
+            sonoweave("convert", name, "-o", "back.igs.mha")
             check(f"{name} and back", by_itk(FOLDER / "back.igs.mha")[0], wanted)
     header = nrrd.read_header(str(FOLDER / "ours.seq.nrrd"))
     times = [float(fields[f"Seq_Frame{n:04}_Timestamp"]) for n in range(7)]
@@ -249,7 +249,7 @@ def sequences():
     }
     for encoding in ["raw", "gzip"]:
         nrrd.write(str(FOLDER / "slicer.seq.nrrd"), wanted.reshape(7, 1, 16, 20).transpose(0, 3, 2, 1), {**listed, "encoding": encoding})
-        sonoweave("convert", "slicer.seq.nrrd", "back.igs.mha")
+        sonoweave("convert", "slicer.seq.nrrd", "-o", "back.igs.mha")
         check(f"slicer.seq.nrrd {encoding}", by_itk(FOLDER / "back.igs.mha")[0], wanted)
         if f"Seq_Frame0006_Timestamp = {times[6]}\n".encode() not in (FOLDER / "back.igs.mha").read_bytes():
             sys.exit("slicer.seq.nrrd: the times are lost")
@@ -260,7 +260,7 @@ def sequences():
         + "".join(f"Seq_Frame{n:04}_ProbeToTrackerTransform = {eye}\n" for n in range(2))
         + "ElementDataFile = LOCAL\n"
     )
-    sonoweave("convert", "tracker.mha", "tracker.igs.nrrd")
+    sonoweave("convert", "tracker.mha", "-o", "tracker.igs.nrrd")
     header = nrrd.read_header(str(FOLDER / "tracker.igs.nrrd"))
     if list(header["sizes"]) != [0, 0, 2] or header["Seq_Frame0001_ProbeToTrackerTransform"] != eye:
         sys.exit("tracker.igs.nrrd: the samples are lost")

@@ -34,9 +34,9 @@ who=(--patient-name "Müller^Jörg" --patient-id 4711 --study-description "Phant
         "$program" "${weave[@]}" -o "$volume.mha"
         "$program" "${weave[@]}" -o "$volume.dcm" "${who[@]}"
     done
-    "$program" dicom volume.mha again.dcm "${who[@]}"
-    "$program" dicom sweep.mha sweep.dcm "${who[@]}"
-    "$program" dicom sweep.mha nobody.dcm
+    "$program" dicom volume.mha -o again.dcm "${who[@]}"
+    "$program" dicom sweep.mha -o sweep.dcm "${who[@]}"
+    "$program" dicom sweep.mha -o nobody.dcm
 ) >"$place/made.log"
 cmp "$place/volume.dcm" "$place/again.dcm" || fail "the volume's file and the volume itself gave different images"
 

@@ -80,7 +80,7 @@ device = "openigtlink:127.0.0.1:$pictures"
 spacing_mm = 0.5
 path = "general"
 TOML
-    "$program" live --config "$folder/bedside.toml" --duration 14 --headless --volume "$folder/volume.mha" --stats "$folder/statistics.json" >"$folder/session.log" 2>&1 ||
+    "$program" live --config "$folder/bedside.toml" --duration 14 --headless -o "$folder/volume.mha" --json="$folder/statistics.json" >"$folder/session.log" 2>&1 ||
         fail "no volume of what was sent; see $folder/session.log"
     "$program" compare "$folder/volume.mha" "$place/sent/volume.mha" --limit 0.4 >"$folder/compared.txt" 2>&1 ||
         fail "not the volume of what was sent; see $folder/compared.txt"

@@ -9,9 +9,12 @@
 pub mod calibrate;
 pub mod convert;
 pub mod devices;
+pub(crate) mod doctor;
 pub(crate) mod histogram;
 pub(crate) mod igtl;
+pub(crate) mod init;
 pub mod input;
+pub(crate) mod json;
 pub(crate) mod live;
 mod provenance;
 pub(crate) mod reconstruct;

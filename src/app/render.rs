@@ -13,9 +13,10 @@ use serde::Serialize;
 
 use config::view_settings::Mode;
 use render::{Cache, RenderRegion, RenderSettings, Renderer};
-use statistics::{PictureNumbers, write_json};
+use statistics::PictureNumbers;
 use volume::DenseVolume;
 
+use super::json::document;
 use super::reporter::Steps;
 use crate::failure::Failure;
 use drawing::Over;
@@ -23,7 +24,7 @@ use look::Look;
 pub(crate) use request::{Contents, Rendered, Request};
 use request::{Source, milliseconds};
 
-/// The content of `--stats`.
+/// The report, in its JSON form.
 #[derive(Debug, Serialize)]
 struct Statistics<'a> {
     #[serde(flatten)]
@@ -102,25 +103,23 @@ impl Request<'_> {
         }
         drop(step);
         let wall_s = began.elapsed().as_secs_f64();
-        if let Some(path) = self.stats {
-            let statistics = Statistics {
-                source: Source::new(self, &volume),
-                mode: settings.mode.name(),
-                transfer: look.view.transfer_name(),
-                window,
-                perspective: look.view.perspective,
-                step: look.view.step,
-                stop: look.view.stops(),
-                background: look.background,
-                threads: settings.threads,
-                read_ms,
-                wall_s,
-                pictures,
-                notes: notes.clone(),
-            };
-            write_json(path, &statistics)?;
-        }
-        Ok(Rendered { contents: Contents::Rays(settings.view), wall_s, notes })
+        let statistics = Statistics {
+            source: Source::new(self, &volume),
+            mode: settings.mode.name(),
+            transfer: look.view.transfer_name(),
+            window,
+            perspective: look.view.perspective,
+            step: look.view.step,
+            stop: look.view.stops(),
+            background: look.background,
+            threads: settings.threads,
+            read_ms,
+            wall_s,
+            pictures,
+            notes: notes.clone(),
+        };
+        let document = document(&statistics)?;
+        Ok(Rendered { contents: Contents::Rays(settings.view), document, wall_s, notes })
     }
 }
 

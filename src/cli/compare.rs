@@ -4,7 +4,7 @@
 mod arguments;
 mod report;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use export::planes::{PlanesOptions, Shades, Window, planes};
 use volume::DenseVolume;
@@ -52,7 +52,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (volume, path) in [(&a, first), (&b, second)] {
         print_notes(volume, path);
     }
-    print(&if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() })?;
+    print(&report.text())?;
+    arguments.json.write(&report)?;
     let rmse = difference.sums.rmse();
     match arguments.limit {
         Some(limit) if rmse > limit || rmse.is_nan() => Err(Failure(format!(
@@ -70,13 +71,13 @@ impl Arguments {
         if let Some(limit) = self.limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
             fail!("--limit {limit}: must be a number that is not negative");
         }
+        let inputs = [Some(&self.first), Some(&self.second), self.weights.as_ref(), self.other_weights.as_ref()];
+        let inputs = || inputs.into_iter().flatten().map(PathBuf::as_path);
+        self.json.check(inputs())?;
         let Some(path) = &self.output else { return Ok(()) };
         input::check_png(path)?;
         input::check_output(path)?;
-        [Some(&self.first), Some(&self.second), self.weights.as_ref(), self.other_weights.as_ref()]
-            .into_iter()
-            .flatten()
-            .try_for_each(|input| input::check_is_not(path, input))
+        inputs().try_for_each(|input| input::check_is_not(path, input))
     }
 
     fn most_bytes(&self) -> Result<u64, Failure> {

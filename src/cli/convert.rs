@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde::Serialize;
 
 use config::bedside::devices::TRACKER_FRAME;
 use drivers::OpenSettings;
@@ -20,11 +21,12 @@ use crate::app::convert::pictures::Pictures;
 use crate::app::convert::placing::{self, Delivered, Placing, Rules};
 use crate::app::convert::{Changes, sequence, write};
 use crate::app::input;
+use crate::app::json::JsonFlag;
 use crate::app::live::stages::{Kept, roles};
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 The name of OUT selects the format. From a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer) or .nhdr \
 for a sequence; .mcap for a session; an existing folder or a name such as frame%04d.png for pictures. From a volume: \
 .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
@@ -38,16 +40,19 @@ orientation, image type and pixel spacing. It lists the fields that it leaves ou
 frames.
 
 Examples:
-  sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
-  sonoweave convert SESSION-20261121-213000.mcap sweep.igs.mha
-  sonoweave convert sweep.igs.mha frame%04d.png --frames 10..20
-  sonoweave convert frame%04d.png pictures.mha --rate 30
-  sonoweave convert volume.mha volume.nii.gz")]
+  sonoweave convert sweep.igs.mha -o sweep.seq.nrrd --compress
+  sonoweave convert SESSION-20261121-213000.mcap -o sweep.igs.mha
+  sonoweave convert sweep.igs.mha -o frame%04d.png --frames 10..20
+  sonoweave convert frame%04d.png -o pictures.mha --rate 30
+  sonoweave convert volume.mha -o volume.nii.gz")]
 pub struct Arguments {
     /// Tracked sequence, session, volume, or numbered images (a folder, or frame%04d.png)
     input: PathBuf,
-    /// Output file, or the name of numbered images
+    /// Write to this file, folder of images, or numbered images
+    #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Take frames A up to, but not including, B
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     frames: Option<FrameRange>,
@@ -87,6 +92,17 @@ fn station(text: &str) -> Result<(u8, String), String> {
     Ok((number.parse().map_err(|_| help)?, name.to_owned()))
 }
 
+/// A finished conversion.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    input: &'a Path,
+    output: &'a Path,
+    /// Content of the output, in words.
+    content: &'a str,
+    /// Fields that --anonymize left out.
+    left_out: &'a [String],
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -94,6 +110,7 @@ fn station(text: &str) -> Result<(u8, String), String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
+    arguments.json.check([input.as_path()])?;
     if input::is_dicom(output) {
         fail!("{}: use `sonoweave dicom` to write DICOM, with names of patient and study", output.display());
     }
@@ -119,7 +136,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let names = if removed.is_empty() { "no field".to_owned() } else { removed.join(", ") };
         print_line!("left out: {names}");
     }
-    Ok(())
+    arguments.json.write(&Report { input, output, content: &what, left_out: &removed })
 }
 
 impl Arguments {

@@ -12,6 +12,7 @@ use super::igtl::SharingFlags;
 use super::live::report;
 use super::progress::say;
 use super::{Failure, values};
+use crate::app::json::JsonFlag;
 use crate::app::live::options::SessionOptions;
 use crate::app::live::outputs::Outputs;
 
@@ -22,14 +23,14 @@ const BEDSIDE_WITH_ARM: &str = include_str!("../../docs/examples/virtual-arm.tom
 
 /// Flags of `demo`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 A simulated hand sweeps a virtual probe over a doll in a water tank. A virtual FASTRAK and a virtual frame grabber \
 send their data to the real drivers, with realistic latency and jitter. The session is recorded, reconstructed slice \
 by slice, and drawn in the terminal and on the page at the printed address. The command writes the session, the \
 volume, the picture, the statistics, and a configuration for `live`. With --arm, a virtual arm carries a linear probe \
 instead, and the planar path inserts its slices.
 
-Example: sonoweave demo --duration 12 --out demo
+Example: sonoweave demo --duration 12 -o demo
          sonoweave replay demo/SESSION-….mcap --picture again.png")]
 pub struct Arguments {
     /// Carry the probe by a virtual arm instead of a hand with a tracker
@@ -40,8 +41,8 @@ pub struct Arguments {
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
     /// Folder for the outputs; it is created if missing
-    #[arg(long, value_name = "DIR", default_value = "demo")]
-    out: PathBuf,
+    #[arg(short, long, value_name = "DIR", default_value = "demo")]
+    output: PathBuf,
     /// Seed of all random numbers: the hand's tremor, speckle, delays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
@@ -79,8 +80,8 @@ fn free_address() -> SocketAddr {
 ///
 /// # Errors
 /// [`Failure`] when the folder cannot be written, or the session cannot begin.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let out = &arguments.out;
+pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
+    let out = &arguments.output;
     let failed = |path: &Path, e: std::io::Error| Failure(format!("{}: cannot be written: {e}", path.display()));
     std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
     let example = if arguments.arm { BEDSIDE_WITH_ARM } else { BEDSIDE };
@@ -96,7 +97,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         opens_browser: arguments.open,
         keep: None,
         accept_example: false,
-        quiet: false,
+        quiet,
         kind: "demo",
         sharing: arguments.sharing.sharing(),
     };
@@ -105,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         weights: None,
         picture: Some(out.join("picture.png")),
         filling: None,
-        stats: Some(out.join("statistics.json")),
+        json: JsonFlag::to_file(out.join("statistics.json")),
     };
     let recorded = report::run(&bedside, &options, arguments.headless, &outputs)?;
     if let Some(recorded) = recorded {

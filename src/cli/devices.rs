@@ -2,7 +2,6 @@
 //! them.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::time::Duration;
 
 use clap::Args;
@@ -12,9 +11,10 @@ use drivers::Listing;
 use drivers::transport::DENIED;
 
 use super::Failure;
+use super::print::print;
+use crate::app::doctor::facts::UDEV_RULES;
+use crate::app::json::JsonFlag;
 
-/// udev rules that give local users access to the devices, and set FTDI adapters to low latency.
-const RULES: &str = include_str!("../../drivers/udev/70-sonoweave.rules");
 /// Polling interval of --watch. `nusb::watch_devices` depends on udev events, which are missing
 /// in containers and small systems. It also covers USB only, while lines and grabbers use other
 /// buses too.
@@ -22,7 +22,7 @@ const WATCH: Duration = Duration::from_millis(500);
 
 /// Flags of `devices`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 A serial line does not identify its device; the session configuration names it.
 
 Examples: sonoweave devices
@@ -32,9 +32,8 @@ pub struct Arguments {
     /// Keep running and report connected and disconnected devices, until interrupted
     #[arg(long)]
     watch: bool,
-    /// Write JSON: an array of devices; with --watch one such array a line, after every change
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Print the udev rules to install, and nothing else
     #[arg(long, conflicts_with_all = ["watch", "json"])]
     udev: bool,
@@ -57,26 +56,16 @@ struct Found {
 /// # Errors
 /// [`Failure`] when the list cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
     if arguments.udev {
-        return Ok(out.write_all(RULES.as_bytes())?);
+        return print(UDEV_RULES);
     }
+    arguments.json.check([])?;
     let mut before = None;
     loop {
         let found = merged(drivers::list().into_iter());
         if before.as_ref() != Some(&found) {
-            let text = match (arguments.json, &before) {
-                (true, _) => serde_json::to_string(&found)? + "\n",
-                (false, None) => whole(&found),
-                (false, Some(before)) => changes(before, &found),
-            };
-            // The reader may have closed the pipe.
-            if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-                return match error.kind() {
-                    std::io::ErrorKind::BrokenPipe => Ok(()),
-                    _ => Err(error.into()),
-                };
-            }
+            print(&before.as_ref().map_or_else(|| whole(&found), |before| changes(before, &found)))?;
+            arguments.json.write(&found)?;
             before = Some(found);
         }
         if !arguments.watch {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use glam::DVec3;
+use serde::Serialize;
 
 use config::Settings as Config;
 use drivers::OpenSettings;
@@ -28,6 +29,7 @@ use volume::{DenseVolume, Values};
 
 use super::{Failure, values};
 use crate::app::input;
+use crate::app::json::JsonFlag;
 use crate::app::reconstruct::filling::advised;
 use flags::DicomFlags;
 
@@ -38,20 +40,23 @@ const FRAME_FIELD: &str = "SonoweaveFrame";
 
 /// Flags of `dicom`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 A sweep becomes an ultrasound multi-frame image (8 bits), with the frames' times and with poses in private elements. \
 Its pixel size comes from the calibration, if given. A volume becomes an enhanced ultrasound volume (8 or 16 bits), \
 with the position of each plane. Unseen voxels keep their value. Files from one recording with the same identifiers \
 belong to one study. The same input gives the same bytes.
 
 Examples:
-  sonoweave dicom sweep.igs.mha sweep.dcm --config PlusConfiguration.xml --patient-id 4711
-  sonoweave dicom volume.mha volume.dcm --patient-id 4711")]
+  sonoweave dicom sweep.igs.mha -o sweep.dcm --config PlusConfiguration.xml --patient-id 4711
+  sonoweave dicom volume.mha -o volume.dcm --patient-id 4711")]
 pub struct Arguments {
     /// Tracked sequence or volume (.igs.mha, .mha)
     input: PathBuf,
     /// Write the image to this file (.dcm)
+    #[arg(short, long, value_name = "IMG.dcm")]
     output: PathBuf,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Place a sequence's images with this calibration: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -72,6 +77,15 @@ pub struct Arguments {
 // it.
 type FrameRange = std::ops::Range<u64>;
 
+/// A written image.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    input: &'a Path,
+    output: &'a Path,
+    /// Content of the image, in words.
+    content: &'a str,
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -82,6 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_output(output)?;
     input::check_is_not(output, input)?;
+    arguments.json.check([input.as_path()])?;
     if !input::is_dicom(output) {
         fail!("{}: is not a name of a DICOM file; give a name that ends in .dcm", output.display());
     }
@@ -90,7 +105,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Content::Volume => write_volume(arguments, &identifiers)?,
     };
     print_line!("{}: {summary}", output.display());
-    Ok(())
+    arguments.json.write(&Report { input, output, content: &summary })
 }
 
 /// Returns a file's header field.

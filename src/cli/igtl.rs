@@ -30,11 +30,6 @@ pub(super) struct SharingFlags {
 }
 
 impl SharingFlags {
-    /// Whether the server is requested.
-    pub(super) fn is_requested(&self) -> bool {
-        self.igtl.is_some()
-    }
-
     /// Returns the server's settings.
     pub(super) fn sharing(&self) -> Sharing {
         let (save, allow) = (self.igtl_save.clone(), self.igtl_allow.clone());

@@ -3,7 +3,7 @@
 mod configuration;
 mod histograms;
 mod sequence;
-mod session;
+pub(super) mod session;
 pub(in crate::cli) mod text;
 mod volume;
 
@@ -18,8 +18,8 @@ use formats::Limits;
 use formats::image::{Content, content};
 
 use super::Failure;
-use super::print::print;
 use crate::app::input;
+use crate::app::json::JsonFlag;
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
 use session::SessionReport;
@@ -31,20 +31,19 @@ const HEAD_BYTES: u64 = 4096;
 
 /// Flags of `inspect`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 The command identifies a file by its content, not by its name. It reads only the header of a sequence, but the whole \
 of a session.
 
 Examples:
   sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
-  sonoweave inspect SESSION-20261121-213000.mcap --repair whole.mcap")]
+  sonoweave inspect SESSION-20261121-213000.mcap --json")]
 pub struct Arguments {
     /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz), session (.mcap),
     /// our calibration TOML or a PLUS XML
     file: PathBuf,
-    /// Write JSON, for programs
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Place a sequence's images with this calibration: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -59,10 +58,6 @@ pub struct Arguments {
     /// holes, and every value counts elsewhere
     #[arg(long, value_name = "FILE.mha")]
     weights: Option<PathBuf>,
-    /// Write the intact part of a damaged or interrupted session to a new file, which lists the
-    /// missing parts
-    #[arg(long, value_name = "OUT.mcap")]
-    repair: Option<PathBuf>,
 }
 
 /// The report; its fields are the JSON form, tagged by `kind`.
@@ -88,23 +83,18 @@ enum Kind {
 /// # Errors
 /// [`Failure`] when the file cannot be read or its type is unknown.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs = [Some(&arguments.file), arguments.config.as_ref(), arguments.against.as_ref()];
+    arguments.json.check(inputs.into_iter().flatten().map(PathBuf::as_path))?;
     let report = arguments.report()?;
-    let mut out = if arguments.json {
-        serde_json::to_string_pretty(&report)?
-    } else {
-        let mut text = Text::default();
-        match &report {
-            Report::Sequence(report) => report.write(&mut text),
-            Report::Session(report) => report.write(&mut text),
-            Report::Volume(report) => report.write(&mut text),
-            Report::Configuration(report) => report.write(&mut text),
-        }
-        text.finish()
-    };
-    if !out.ends_with('\n') {
-        out.push('\n');
+    let mut text = Text::default();
+    match &report {
+        Report::Sequence(report) => report.write(&mut text),
+        Report::Session(report) => report.write(&mut text),
+        Report::Volume(report) => report.write(&mut text),
+        Report::Configuration(report) => report.write(&mut text),
     }
-    print(&out)
+    print_line!("{}", text.finish().trim_end_matches('\n'));
+    arguments.json.write(&report)
 }
 
 impl Arguments {
@@ -119,11 +109,8 @@ impl Arguments {
         if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
             fail!("{}: is no volume; {flag} volumes only", path.display());
         }
-        if !matches!(kind, Kind::Session) && self.repair.is_some() {
-            fail!("{}: is not a session; --repair applies to sessions only", path.display());
-        }
         Ok(match kind {
-            Kind::Session => Report::Session(Box::new(SessionReport::read(path, self.repair.as_deref())?)),
+            Kind::Session => Report::Session(Box::new(SessionReport::read(path)?)),
             Kind::Sequence => {
                 let report = SequenceReport::read(path, self.config.as_deref(), self.world.as_deref())?;
                 Report::Sequence(Box::new(report))

@@ -6,7 +6,6 @@ mod keys;
 pub(super) mod report;
 mod terminal;
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, ValueEnum};
@@ -14,6 +13,8 @@ use clap::{ArgGroup, Args, ValueEnum};
 use config::bedside::{Bedside, schema};
 
 use super::Failure;
+use super::print::print;
+use crate::app::json::JsonFlag;
 use crate::app::live::check;
 use arguments::{OutputFlags, SessionArguments};
 
@@ -21,8 +22,8 @@ use arguments::{OutputFlags, SessionArguments};
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_allow", "igtl_save", "igtl_wait"])),
-    after_help = "\
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "headless", "output", "weights", "fill", "fill_radius", "picture", "igtl", "igtl_allow", "igtl_save", "igtl_wait"])),
+    after_long_help = "\
 With --config alone, a session runs until Ctrl-C, SIGTERM or the end of --duration, and then writes its outputs. A \
 second signal ends it at once, without further outputs. --check opens all devices and waits 5 s at most for each. It \
 reports the results, the faults and their remedies, and records nothing. The exit code is 0 only if there is no \
@@ -39,9 +40,8 @@ pub struct Arguments {
     /// Open every device of the configuration, and report the results
     #[arg(long, group = "modes", requires = "config")]
     check: bool,
-    /// Write JSON, for programs
-    #[arg(long, requires = "check")]
-    json: bool,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Print every key that a configuration may have, its values, and when a change of it takes
     /// effect
     #[arg(long, group = "modes", conflicts_with = "config")]
@@ -54,7 +54,7 @@ pub struct Arguments {
     example: Option<Example>,
     #[command(flatten, next_help_heading = "Session")]
     session_arguments: SessionArguments,
-    #[command(flatten, next_help_heading = "What it leaves")]
+    #[command(flatten, next_help_heading = "Outputs")]
     outputs: OutputFlags,
 }
 
@@ -97,16 +97,15 @@ impl Example {
 ///
 /// # Errors
 /// [`Failure`] when the configuration cannot be used, or a check fails.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
+pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     if let Some(example) = arguments.example {
-        return Ok(out.write_all(example.text().as_bytes())?);
+        return print(example.text());
     }
     if arguments.keys {
-        return Ok(out.write_all(keys::text().as_bytes())?);
+        return print(&keys::text());
     }
     if arguments.keys_schema {
-        return Ok(writeln!(out, "{:#}", schema::json())?);
+        return print(&format!("{:#}\n", schema::json()));
     }
     let Some(path) = &arguments.config else {
         fail!(
@@ -116,14 +115,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let bedside = Bedside::read(path).map_err(Failure::configuration)?;
     if !arguments.check {
-        drop(out);
         let SessionArguments { headless, .. } = arguments.session_arguments;
-        let (options, outputs) = (arguments.session_arguments.options(), arguments.outputs.outputs());
+        let (options, outputs) =
+            (arguments.session_arguments.options(quiet), arguments.outputs.outputs(arguments.json.clone()));
         return report::run(&bedside, &options, headless, &outputs).map(drop);
     }
     let report = check::check(&bedside, arguments.session_arguments.accept_example)?;
-    let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
-    out.write_all(said.as_bytes())?;
-    out.flush()?;
+    print(&report.text())?;
+    arguments.json.write(&report)?;
     report.verdict().map_or(Ok(()), |sentence| Err(Failure(sentence)))
 }

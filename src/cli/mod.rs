@@ -3,39 +3,43 @@
 #[macro_use]
 mod print;
 
+pub mod animate;
 pub mod calibrate;
 pub mod compare;
+pub mod completions;
 pub mod convert;
 pub mod demo;
 pub mod devices;
 pub mod dicom;
+pub mod doctor;
+mod help;
 mod igtl;
+pub mod init;
 pub mod inspect;
 pub mod live;
+mod log;
+pub mod man;
 pub mod phantom;
 mod progress;
 pub mod reconstruct;
+mod renamed;
 pub mod render;
+pub mod repair;
 pub mod replay;
 pub mod twin;
+mod version;
 
 use std::ffi::OsString;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use tracing_subscriber::filter::FilterFn;
-use tracing_subscriber::layer::SubscriberExt as _;
-use tracing_subscriber::util::SubscriberInitExt as _;
-use tracing_subscriber::{EnvFilter, Layer as _};
 
 pub use config::values;
-use pipeline::trace::{self, TraceFile};
 use sonoweave_core::NOTICE;
 
-use crate::app::input;
+use crate::app::json::Json;
 pub use crate::failure::Failure;
+use log::LogFlags;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
@@ -43,15 +47,11 @@ pub use crate::failure::Failure;
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
-    /// Log to stderr with this filter: error, warn, info, debug, or a tracing filter
-    #[arg(long, global = true, value_name = "FILTER", default_value = "warn")]
-    log: String,
-    /// Write per-frame stage timings, for Perfetto (ui.perfetto.dev) or chrome://tracing
-    #[arg(long, global = true, value_name = "FILE.json")]
-    trace: Option<PathBuf>,
-    /// Names of the flags that were given to the subcommand.
+    #[command(flatten)]
+    log: LogFlags,
+    /// Whether stdout gets a JSON document instead of text.
     #[arg(skip)]
-    given: Vec<String>,
+    is_json: bool,
 }
 
 impl Arguments {
@@ -61,21 +61,29 @@ impl Arguments {
     }
 
     /// Parses arguments, the program's name first.
-    fn of(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Self, clap::Error> {
-        let mut command = with_negative_numbers(Self::command());
-        let matches = command.try_get_matches_from_mut(words)?;
+    fn of(words: impl IntoIterator<Item = impl Into<OsString>>) -> Result<Self, clap::Error> {
+        let words: Vec<OsString> = words.into_iter().map(Into::into).collect();
+        let mut command = with_negative_numbers(help::grouped(Self::command()).long_version(version::long()));
+        let matches = match command.try_get_matches_from_mut(&words) {
+            Ok(matches) => matches,
+            Err(error) => return Err(renamed::explain(error, &mut command, &words)),
+        };
         let mut arguments = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
-        if let Some((name, own)) = matches.subcommand() {
-            let is_there = |id: &&str| own.value_source(id) == Some(ValueSource::CommandLine);
-            // clap treats flags that share a struct as a group; such groups are not flags.
-            let flags: Vec<&str> = command
-                .find_subcommand(name)
-                .map_or_else(Vec::new, |sub| sub.get_arguments().map(|flag| flag.get_id().as_str()).collect());
-            let given = own.ids().map(clap::Id::as_str).filter(|id| flags.contains(id)).filter(is_there);
-            arguments.given = given.map(str::to_owned).collect();
+        let mut last = &matches;
+        while let Some((_, own)) = last.subcommand() {
+            last = own;
         }
+        arguments.is_json = matches!(last.try_get_one::<Json>("json"), Ok(Some(Json::Stdout)));
         Ok(arguments)
     }
+}
+
+/// Returns the command line, with everything that clap adds to it. The subcommand `help` is
+/// omitted, because `--help` and the manual have its contents.
+pub fn command_line() -> clap::Command {
+    let mut command = help::grouped(Arguments::command()).disable_help_subcommand(true);
+    command.build();
+    command
 }
 
 /// Lets flags take negative numbers, so that a range is refused by its own sentence.
@@ -88,51 +96,18 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
     names.iter().fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
 }
 
-/// Returns the log's filter.
-fn log_filter(text: &str) -> Result<EnvFilter, Failure> {
-    let refused = |why: &str| {
-        Failure(format!(
-            "--log {text}: {why}; give error, warn, info, debug, trace or off, or a filter such as warn,drivers=debug"
-        ))
-    };
-    // A lone word that is no level would be taken for the name of a module.
-    let lone = text
-        .split(',')
-        .map(str::trim)
-        .find(|part| !part.contains(['=', '[']) && part.parse::<tracing_subscriber::filter::LevelFilter>().is_err());
-    if let Some(lone) = lone {
-        return Err(refused(&format!("{lone:?} is no level")));
-    }
-    EnvFilter::try_new(text).map_err(|e| refused(&e.to_string()))
-}
-
-impl Arguments {
-    /// Starts logging, and tracing if requested. Returns the trace's file.
-    fn listen(&self) -> Result<Option<TraceFile>, Failure> {
-        let filter = log_filter(&self.log)?;
-        let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_filter(filter);
-        let (layer, file) = match &self.trace {
-            Some(path) => {
-                input::check_output(path)?;
-                let begun = trace::begin(path).map_err(|e| Failure(format!("--trace {}: {e}", path.display())))?;
-                (Some(begun.0.with_filter(FilterFn::new(trace::is_recorded))), Some(begun.1))
-            }
-            None => (None, None),
-        };
-        // A second subscriber in one process (tests) is no failure.
-        let _ = tracing_subscriber::registry().with(log).with(layer).try_init();
-        Ok(file)
-    }
-}
-
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Reconstruct a recorded sweep into a volume
     Reconstruct(Box<reconstruct::Arguments>),
     /// Render a volume
     Render(Box<render::Arguments>),
-    /// Replay a recorded session, or reconstruct a recorded sweep while a picture follows
+    /// Replay a recorded session as it ran live, or with another configuration
     Replay(Box<replay::Arguments>),
+    /// Reconstruct a recorded sweep while a picture follows, slice by slice
+    Animate(Box<animate::Arguments>),
+    /// Write the intact part of a damaged or interrupted session to a new file
+    Repair(repair::Arguments),
     /// Convert a sequence, session or volume to another file format
     Convert(convert::Arguments),
     /// Describe a sequence, volume or calibration file
@@ -145,6 +120,10 @@ enum Command {
     Calibrate(calibrate::Arguments),
     /// Run a session on a virtual bedside, which needs no hardware
     Demo(demo::Arguments),
+    /// Write a session configuration for the devices of this machine, and check it
+    Init(init::Arguments),
+    /// Check this machine: devices, permissions, limits, disk, ports and browser
+    Doctor(doctor::Arguments),
     /// List connected devices, their drivers, and problems in opening them
     Devices(devices::Arguments),
     /// Write a recorded sweep or a volume as DICOM, for a picture archive
@@ -153,6 +132,10 @@ enum Command {
     Phantom(Box<phantom::Arguments>),
     /// Simulate a tracker or an arm on a pseudo-terminal, for drivers to open
     Twin(Box<twin::Arguments>),
+    /// Print completions of the command line for a shell
+    Completions(completions::Arguments),
+    /// Print a manual page, or write all of them to a folder
+    Man(man::Arguments),
 }
 
 /// The program's main function: parses the process's arguments, runs the command, and returns the
@@ -174,21 +157,31 @@ pub fn main() -> ExitCode {
 /// [`Failure`] when the command failed.
 fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Dropped when the command is done, which completes the file.
-    let _trace = arguments.listen()?;
+    let _trace = arguments.log.begin()?;
+    let quiet = arguments.log.is_quiet();
+    if arguments.is_json {
+        print::leave_out();
+    }
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         Command::Render(arguments) => render::run(arguments),
-        Command::Replay(of_replay) => replay::run(of_replay, &arguments.given),
+        Command::Replay(arguments) => replay::run(arguments, quiet),
+        Command::Animate(arguments) => animate::run(arguments),
+        Command::Repair(arguments) => repair::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
-        Command::Live(arguments) => live::run(arguments),
+        Command::Live(arguments) => live::run(arguments, quiet),
         Command::Calibrate(arguments) => calibrate::run(arguments),
-        Command::Demo(arguments) => demo::run(arguments),
+        Command::Demo(arguments) => demo::run(arguments, quiet),
+        Command::Init(arguments) => init::run(arguments),
+        Command::Doctor(arguments) => doctor::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
         Command::Dicom(arguments) => dicom::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
         Command::Twin(arguments) => twin::run(arguments),
+        Command::Completions(arguments) => completions::run(arguments),
+        Command::Man(arguments) => man::run(arguments),
     }
 }
 
@@ -197,11 +190,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn given_lists_flags_without_groups() {
-        let words = "sonoweave replay s.mcap --fill nearest --stats s.json --log info";
-        let mut given = Arguments::of(words.split(' ')).unwrap().given;
-        given.sort_unstable();
-        assert_eq!(given, ["fill", "log", "sequence", "stats"]);
+    fn json_replaces_text_only_without_file() {
+        let parsed = |words: &str| Arguments::of(words.split(' ')).unwrap();
+        assert!(parsed("sonoweave inspect v.mha --json").is_json);
+        assert!(parsed("sonoweave calibrate pivot --sequence s.mha --json").is_json);
+        assert!(!parsed("sonoweave inspect v.mha --json=r.json").is_json);
+        assert!(!parsed("sonoweave completions bash").is_json);
         assert!(Arguments::of(["sonoweave", "replay", "--no-such-flag"]).is_err());
     }
 
@@ -223,7 +217,7 @@ mod tests {
         let damage = formats::session::Damage { from: 8, until: 20, what: "an incomplete chunk", is_loss: true };
         let damaged = formats::Error::Damaged { path: "s.mcap".into(), damage };
         let Failure(text) = pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
-        let expected = "repair the session by `sonoweave inspect FILE --repair OUT`, which lists the missing parts";
+        let expected = "repair the session by `sonoweave repair FILE -o OUT`, which lists the missing parts";
         assert!(text.ends_with(expected), "{text}");
         let foreign = formats::Error::NoSession { path: "s.mcap".into(), source: formats::NoSession::NoChunk };
         let Failure(text) = drivers::Error::from(foreign).into();

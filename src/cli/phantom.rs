@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args, ValueEnum as _};
 use glam::DVec3;
+use serde::Serialize;
 
 use calibration::file::CalibrationFile;
 use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
@@ -20,6 +21,7 @@ use choices::{ScalarName, direction, frequency, tracker_noise};
 use super::progress::progress;
 use super::{Failure, values};
 use crate::app::input;
+use crate::app::json::JsonFlag;
 use phantom::named::{AXIS_DISTANCE_MM, DWELL, MotionOptions, RADIUS_MM, SceneName, SceneOptions, TrajectoryName};
 use phantom::scan::{Depth, convex_fan};
 use phantom::scene::Speckle;
@@ -32,7 +34,7 @@ const BATCH: u32 = 8;
 
 /// Flags of `phantom`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("truths").multiple(true)), after_help = "\
+#[command(group(ArgGroup::new("truths").multiple(true)), after_long_help = "\
 The sequence holds ImageToReference, so that `sonoweave reconstruct SEQ -o VOL` needs no calibration. With \
 --calibration it holds what a tracker records instead, ProbeToTracker and ReferenceToTracker, and the probe's \
 calibration is written to a file of its own. The same flags give the same bits on every machine.
@@ -51,6 +53,8 @@ pub struct Arguments {
     /// Write the sweep to this file, a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     #[arg(short, long, value_name = "SEQ.igs.mha")]
     output: PathBuf,
+    #[command(flatten)]
+    json: JsonFlag,
     /// Write the scene on the lattice that `reconstruct --spacing` uses, over the box around all
     /// images
     #[arg(long, value_name = "VOL.mha", group = "truths")]
@@ -202,7 +206,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map_err(|e| Failure::io(path, "writing the phantom", &e))?;
     }
     report(arguments, &scan, grid.as_ref(), &kernel);
-    Ok(())
+    arguments.json.write(&Report {
+        output: &arguments.output,
+        content: arguments.describe(&scan),
+        truth_size: grid.as_ref().map(|grid| grid.size),
+        sigma_effective_mm: kernel.sigma_mm(),
+    })
 }
 
 impl Arguments {
@@ -300,7 +309,7 @@ impl Arguments {
         }
         let named = Container::of_sequence(&self.output);
         named.map_err(|why| Failure(format!("{}: {why}", self.output.display())))?;
-        Ok(())
+        self.json.check([])
     }
 
     /// Describes the settings that determine the output, for people.
@@ -438,6 +447,18 @@ impl Arguments {
             ("SonoweavePhantom".into(), self.describe(scan)),
         ]
     }
+}
+
+/// A synthetic sweep.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    output: &'a Path,
+    /// Content of the sweep, in words.
+    content: String,
+    /// Voxels of the truths along x, y, z.
+    truth_size: Option<[u64; 3]>,
+    /// Effective σ of the kernel of the blurred truth along u, v and the normal.
+    sigma_effective_mm: [f64; 3],
 }
 
 /// Prints a report to stdout.

@@ -17,17 +17,17 @@ use one::reconstruct;
 
 /// Flags of `reconstruct`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 A sequence needs a chain of transforms from its frames to the world: ProbeToTracker and ReferenceToTracker in the \
 sequence, and the probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds \
 ImageToReference, ImageToWorld or ImageToTracker needs no calibration.
 
-For several sweeps, give folders as -o, --weights, --planes and --stats; they may be the same. A sweep NAME.igs.mha \
-results in NAME.mha, NAME.weights.mha, NAME.planes.png and NAME.stats.json.
+For several sweeps, give folders as -o, --weights, --planes and --json=; they may be the same. A sweep NAME.igs.mha \
+results in NAME.mha, NAME.weights.mha, NAME.planes.png and NAME.json.
 
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
-         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes --stats \
-volumes")]
+         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes \
+--json=volumes")]
 pub struct Arguments {
     /// Recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr); each of several becomes a
     /// volume of its name
@@ -48,7 +48,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { sequences, output, flags } = arguments;
     match sequences.as_slice() {
-        [sequence] => reconstruct(sequence, output, flags, flags.beside.beside()).map(drop),
+        [sequence] => {
+            let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside())?;
+            flags.beside.json.write_text(&document)
+        }
         _ => batch::run(sequences, output, flags),
     }
 }

@@ -5,6 +5,8 @@ mod lighting;
 mod planar;
 pub(super) mod view_flags;
 
+use std::path::PathBuf;
+
 use config::view_settings::Draw;
 use render::camera::View;
 
@@ -32,13 +34,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         turntable: *turntable,
         threads: input::threads(arguments.threads),
         memory_bytes: gibibytes(arguments.max_memory)?,
-        stats: arguments.stats.as_deref(),
         look: &look,
     };
-    let Rendered { contents, wall_s, notes } = request.run(&steps)?;
+    let Rendered { contents, document, wall_s, notes } = request.run(&steps)?;
     for note in &notes {
         eprintln!("sonoweave: note: {note}");
     }
+    arguments.json.write_text(&document)?;
     let View { azimuth, elevation, roll, .. } = match contents {
         Contents::Planes(text) => {
             print_line!("{}: {text}, of {}, in {:.0} ms", output.display(), volume.display(), wall_s * 1e3);
@@ -67,12 +69,10 @@ impl Arguments {
     /// volume.
     fn look(&self) -> Result<Look, Failure> {
         input::check_png(&self.output)?;
-        for output in [Some(&self.output), self.stats.as_ref()].into_iter().flatten() {
-            input::check_output(output)?;
-            for from in [Some(&self.volume), self.weights.as_ref()].into_iter().flatten() {
-                input::check_is_not(output, from)?;
-            }
-        }
+        input::check_output(&self.output)?;
+        let inputs = || [Some(&self.volume), self.weights.as_ref()].into_iter().flatten().map(PathBuf::as_path);
+        inputs().try_for_each(|from| input::check_is_not(&self.output, from))?;
+        self.json.check(inputs())?;
         if let Some(what) = self.view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe))
         {
             fail!("--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`", what.name());

@@ -31,7 +31,7 @@ const MOST_COMMANDS: usize = 20;
 
 /// Flags of `twin`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 The pseudo-terminal is a serial line for every program: for our drivers, for other programs, for `cat`. It accepts \
 any rate, and a unit does not restart when a program opens the line. The hand moves to and fro without end; the same \
 flags give the same data. All other settings of `phantom` for a trajectory have their defaults.

@@ -12,7 +12,7 @@ const RECORDING: &str = "s.mcap";
 
 fn recorded(place: &Place) {
     place.put("b.toml", SMALL);
-    let run = place.run("live --config b.toml --record rec --duration 4 --volume live.mha --headless");
+    let run = place.run("live --config b.toml --record rec --duration 4 -o live.mha --headless");
     assert_eq!(run.code, 0, "{}", run.stderr);
     let mut names = std::fs::read_dir(place.path("rec")).unwrap().map(|entry| entry.unwrap().path());
     std::fs::rename(names.next().unwrap(), place.path(RECORDING)).unwrap();
@@ -108,7 +108,8 @@ fn unsuitable_input_is_refused() {
     let place = Place::new();
     recorded(&place);
     place.does("phantom -o s.mha --frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6");
-    place.refuses("replay s.mha --picture p.png --console 127.0.0.1:0", &["--console: applies to recorded sessions"]);
+    place.refuses("replay s.mha --console 127.0.0.1:0", &["s.mha: is not a session", "`sonoweave animate`"]);
+    place.refuses(&format!("animate {RECORDING} --picture p.png"), &["is a session", "`sonoweave replay`"]);
     place.refuses(
         &format!("replay {RECORDING} --pictures . --console 127.0.0.1:0"),
         &["--pictures: cannot be combined with --console", "leave one of them out"],

@@ -151,7 +151,7 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     let by = format!("calibrate arm --session {session} --rest 0.3 --skip 1");
     let order = format!("--plate plate.toml --order {}", joined(ORDER));
     place.put("cal.toml", place.get("guess.toml"));
-    let said = place.does(&format!("{by} {order} -o cal.toml --report arm.json"));
+    let said = place.does(&format!("{by} {order} -o cal.toml --json=arm.json"));
     assert!(said.starts_with("22 touches of 4 divots: 0.0"), "{said}");
     for part in
         ["zero of joint 2", "(was 250)", "the tip is known to 0.", "touch 2 of divot 1", "calibration: cal.toml"]
@@ -175,7 +175,7 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     let exact = CalibrationFile { arm: Some(arm([252.3, 200.0, 80.0], [0.0; JOINTS])), ..guess() };
     exact.write(&place.path("exact.toml")).unwrap();
     let skipped = by.replace("--skip 1", &format!("--skip {}", joined([1].into_iter().chain(elsewhere))));
-    let said = place.does(&format!("{skipped} --point --arm exact.toml --report point.json"));
+    let said = place.does(&format!("{skipped} --point --arm exact.toml --json=point.json"));
     assert!(said.contains("touches of one point") && said.contains("252.3 mm, unchanged"), "{said}");
     is_found(&place.json("point.json"), 3.0);
     let distance = |two: &[usize]| {
@@ -183,18 +183,18 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
         one.distance(other)
     };
     let distances = joined(ORDER.chunks(2).map(distance));
-    place.does(&format!("{by} --distances {distances} --report distances.json"));
+    place.does(&format!("{by} --distances {distances} --json=distances.json"));
     is_found(&place.json("distances.json"), 3.0);
 
     // The check confirms the arm against its own fit. An encoder that has slipped since shows as
     // a changed zero.
-    let said = place.does(&format!("{by} {order} --arm cal.toml --check --report check.json"));
+    let said = place.does(&format!("{by} {order} --arm cal.toml --check --json=check.json"));
     assert!(said.contains("the arm agrees with its calibration") && said.contains("its fit had 0.0"), "{said}");
     assert_eq!(place.json("check.json")["changed"], false);
     let mut slipped = *file.arm.unwrap().joints();
     slipped[2].zero_counts += 250.0;
     CalibrationFile { arm: Some(Arm::new(slipped).unwrap()), ..file }.write(&place.path("slipped.toml")).unwrap();
-    let run = place.run(&format!("{by} {order} --arm slipped.toml --check --report slipped.json"));
+    let run = place.run(&format!("{by} {order} --arm slipped.toml --check --json=slipped.json"));
     assert_eq!(run.code, 1, "{} {}", run.stdout, run.stderr);
     let advice = "the arm no longer agrees with its calibration; the zero of joint 3 has moved by -2";
     assert!(run.stderr.contains(advice), "{}", run.stderr);
@@ -202,7 +202,7 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
 
     // The tip's repeatability changes what counts as a deviation. Counts a turn are found on
     // request.
-    place.does(&format!("{by} {order} --seat 0.4 --report wide.json"));
+    place.does(&format!("{by} {order} --seat 0.4 --json=wide.json"));
     let wide = place.json("wide.json");
     assert_eq!((&wide["seat_mm"], &report["seat_mm"]), (&0.4.into(), &0.1.into()));
     let ratio = wide["spread"].as_f64().unwrap() / report["spread"].as_f64().unwrap();
@@ -210,11 +210,11 @@ fn arm_is_calibrated_and_slipped_encoder_is_named() {
     let numbers = |report: &serde_json::Value, kind: &str| {
         report["found"].as_array().unwrap().iter().filter(|number| number["number"] == kind).count()
     };
-    place.does(&format!("{by} {order} --counts --report turns.json"));
+    place.does(&format!("{by} {order} --counts --json=turns.json"));
     let turns = place.json("turns.json");
     assert!(turns["found"].as_array().unwrap().len() > 5 && numbers(&turns, "length") == numbers(&report, "length"));
     // A tip beside the last link is the same tip if the link is shorter and the zero turned.
-    place.does(&format!("{by} {order} --tip 1.5,0 --report tip.json"));
+    place.does(&format!("{by} {order} --tip 1.5,0 --json=tip.json"));
     let tip = place.json("tip.json");
     assert_eq!(tip["tip_mm"], serde_json::json!([1.5, 0.0]));
     let length = |report: &serde_json::Value| {

@@ -30,11 +30,11 @@ fn session(compounding: &str) -> [Value; 2] {
     let place = Place::new();
     place.put("arm.toml", format!("{ARM}compound = \"{compounding}\"\n"));
     // The virtual arm passes its index marks within 3 s.
-    let live = place.run("live --config arm.toml --duration 5 --record s --volume v.mha --stats live.json");
+    let live = place.run("live --config arm.toml --duration 5 --record s -o v.mha --json=live.json");
     assert_eq!(live.code, 0, "{}", live.stderr);
     let recorded = std::fs::read_dir(place.path("s")).unwrap().next().unwrap().unwrap().path();
     std::fs::create_dir(place.path("p")).unwrap();
-    let again = place.run(&format!("replay {} -o again.mha --pictures p --stats again.json", recorded.display()));
+    let again = place.run(&format!("replay {} -o again.mha --pictures p --json=again.json", recorded.display()));
     assert_eq!(again.code, 0, "{}", again.stderr);
     assert!(again.stderr.contains("the same as in the live session, bit by bit"), "{}", again.stderr);
     assert!(place.get("v.mha") == place.get("again.mha"), "{compounding}");
@@ -164,12 +164,12 @@ fn example_of_arm_replays_and_matches_truth() {
     let place = Place::new();
     place.put("arm.toml", example());
     let live = place.run(
-        "live --config arm.toml --duration 7 --record s --volume v.mha --weights w.mha --picture p.png --stats live.json",
+        "live --config arm.toml --duration 7 --record s -o v.mha --weights w.mha --picture p.png --json=live.json",
     );
     assert_eq!(live.code, 0, "{}", live.stderr);
     let session = std::fs::read_dir(place.path("s")).unwrap().next().unwrap().unwrap().path();
     let again = place
-        .run(&format!("replay {} -o v2.mha --weights w2.mha --picture p2.png --stats again.json", session.display()));
+        .run(&format!("replay {} -o v2.mha --weights w2.mha --picture p2.png --json=again.json", session.display()));
     assert_eq!(again.code, 0, "{}", again.stderr);
     for (one, other) in [("v.mha", "v2.mha"), ("w.mha", "w2.mha"), ("p.png", "p2.png")] {
         assert!(place.get(one) == place.get(other), "{one}");

@@ -36,12 +36,12 @@ fn each_recording_has_outputs_in_the_given_folders() {
         std::fs::create_dir(place.path(folder)).unwrap();
     }
     let flags = "--clip none --path general";
-    place.does(&format!("reconstruct a.igs.mha b.mha -o out --weights out --planes out --stats said {flags}"));
-    place.does(&format!("reconstruct b.mha -o v.mha --weights w.mha --planes p.png --stats s.json {flags}"));
+    place.does(&format!("reconstruct a.igs.mha b.mha -o out --weights out --planes out --json=said {flags}"));
+    place.does(&format!("reconstruct b.mha -o v.mha --weights w.mha --planes p.png --json=s.json {flags}"));
     for (one, own) in [("out/b.mha", "v.mha"), ("out/b.weights.mha", "w.mha"), ("out/b.planes.png", "p.png")] {
         assert!(place.get(one) == place.get(own), "{one}: the same bytes as by a command of its own");
     }
-    for (name, input) in [("said/a.stats.json", "a.igs.mha"), ("said/b.stats.json", "b.mha")] {
+    for (name, input) in [("said/a.json", "a.igs.mha"), ("said/b.json", "b.mha")] {
         let statistics = place.json(name);
         assert_eq!(statistics["input"]["path"].as_str().or(statistics["input"].as_str()).unwrap(), input, "{name}");
     }
@@ -61,7 +61,7 @@ fn name_clashes_and_single_files_are_refused_first() {
         "reconstruct a.mha a.igs.mha -o out",
         &["a.igs.mha: its volume and another recording's would both be out/a.mha"],
     );
-    for flag in ["--stats s.json", "--planes p.png", "--weights none/w.mha"] {
+    for flag in ["--json=s.json", "--planes p.png", "--weights none/w.mha"] {
         let says = format!("{flag}: is not a folder, but several recordings need one for their files (NAME.");
         place.refuses_with(&format!("reconstruct a.mha b.mha -o out {flag}"), &[&says]);
     }

@@ -100,7 +100,7 @@ fn tip_and_phantom_pose_extend_one_calibration_file() {
     let place = Place::new();
     place.put("swing.mha", swing(1.0, |index| if index % 12 == 5 { "INVALID" } else { "OK" }));
     place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\nprovenance = \"by hand\"\n\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
-    let said = place.does("calibrate pivot --sequence swing.mha -o cal.toml --report pivot.json");
+    let said = place.does("calibrate pivot --sequence swing.mha -o cal.toml --json=pivot.json");
     assert!(
         said.contains("tip of Stylus at 2.000, -5.000, 140.000 mm") && said.contains("calibration: cal.toml"),
         "{said}"
@@ -116,7 +116,7 @@ fn tip_and_phantom_pose_extend_one_calibration_file() {
     place.put("touched.mha", touches());
     place.put("phantom.toml", phantom());
     let said = place.does(
-        "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml -o cal.toml --report landmarks.json",
+        "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml -o cal.toml --json=landmarks.json",
     );
     assert!(said.starts_with("5 of 5 landmarks were touched, 0.000 mm off"), "{said}");
     let report = place.json("landmarks.json");
@@ -148,22 +148,19 @@ fn unsuitable_recordings_are_refused_without_output() {
     place.put("cm.mha", swing(0.1, |_| "OK"));
     place.put("phantom.toml", phantom());
     place.put("touched.mha", touches());
-    let pivot = |flags: &str, says: &[&str]| {
-        place.refuses(&format!("calibrate pivot -o cal.toml --report r.json {flags}"), says)
-    };
+    let pivot =
+        |flags: &str, says: &[&str]| place.refuses(&format!("calibrate pivot -o cal.toml --json=r.json {flags}"), says);
     pivot(
         "--sequence invalid.mha",
         &["invalid.mha: none of 240 poses of Stylus is usable; the first: ", "has status INVALID"],
     );
     pivot("--sequence cm.mha", &["cm.mha: the tip ", "check the tracker's units"]);
-    pivot("--sequence swing.mha --report page.html", &["page.html: there is no page for this report"]);
     pivot("--sequence swing.mha --to 0.3", &["7 usable poses of the stylus are too few; record at least 10"]);
     pivot("--sequence swing.mha --from 3 --to 2", &["--from 3 is not before --to 2"]);
     pivot("--sequence swing.mha --stylus Pen", &["holds no frame Pen, only StylusToTracker, ReferenceToTracker"]);
     pivot("--sequence swing.mha --reference Table", &["no transforms lead from Stylus to Table"]);
     place.refuses("calibrate pivot --sequence swing.mha -o swing.mha", &["swing.mha: is the input"]);
-    place
-        .refuses("calibrate pivot --sequence swing.mha -o a --report a", &["--output and --report name the same file"]);
+    place.refuses("calibrate pivot --sequence swing.mha -o a --json=a", &["two outputs have the same file"]);
     place.refuses(
         "calibrate landmarks --phantom phantom.toml --sequence touched.mha -o cal.toml",
         &["phantom.toml: lacks the position of the tip of Stylus", "--stylus-tip"],

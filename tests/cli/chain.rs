@@ -61,7 +61,7 @@ fn does_live(place: &Place, words: &str) -> Run {
 #[test]
 fn each_live_calibration_starts_from_the_one_before() {
     let place = prepared();
-    does_live(&place, "calibrate pivot --live bedside.toml --duration 6 -o probe.toml --report pivot.json");
+    does_live(&place, "calibrate pivot --live bedside.toml --duration 6 -o probe.toml --json=pivot.json");
     let tip: Vec<f64> = serde_json::from_value(place.json("pivot.json")["tip_mm"].clone()).unwrap();
     // The tracker's noise of 0.05° is 0.12 mm at the tip, and there are 200 poses.
     let off = DVec3::from_slice(&tip).distance(TIP_MM);

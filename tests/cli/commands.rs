@@ -35,7 +35,7 @@ fn slices(account: &Value) -> u64 {
 
 #[test]
 fn session_is_stopped_viewed_recorded_again_and_replayed() {
-    let mut session = Session::begin("--keep kept --volume v.mha --picture p.png", &[]);
+    let mut session = Session::begin("--keep kept -o v.mha --picture p.png", &[]);
     let address = session.address();
     until(&session, &address, "slices", |account| slices(account) > 10);
     done(&address, &json!({ "do": "freeze", "on": true }));

@@ -69,7 +69,7 @@ fn colour_sweep_uses_luma_and_says_so() {
     let lines = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = RGB_COLOR\n";
     place.put("colour.mha", Sequence { channels: 3, lines: lines.into(), ..Sequence::default() }.bytes());
     succeeds(&place, "reconstruct grey.mha -o grey-v.mha --spacing 0.5");
-    let run = place.run("reconstruct colour.mha -o colour-v.mha --spacing 0.5 --stats s.json");
+    let run = place.run("reconstruct colour.mha -o colour-v.mha --spacing 0.5 --json=s.json");
     assert!(run.code == 0 && run.stderr.contains("the luma is the grey value (ITU-R BT.601)"), "{}", run.stderr);
     assert!(place.volume("grey-v.mha").values == place.volume("colour-v.mha").values, "grey stays what it was");
     assert!(place.json("s.json")["notes"].to_string().contains("BT.601"));
@@ -118,7 +118,7 @@ fn sequence_survives_every_container_and_a_session() {
     let mut last = "s.igs.mha".to_owned();
     for (n, name) in ["a.igs.nrrd", "b.seq.nrrd", "c.mhd", "d.nhdr", "e.mcap", "f.igs.mha"].iter().enumerate() {
         let packed = if n % 2 == 0 { "" } else { "--compress" };
-        let said = place.does(&format!("convert {last} {name} {packed}"));
+        let said = place.does(&format!("convert {last} -o {name} {packed}"));
         assert!(said.starts_with(name) && said.contains("6 frames"), "{said}");
         last = (*name).to_owned();
     }
@@ -131,7 +131,7 @@ fn sequence_survives_every_container_and_a_session() {
 fn parts_of_a_recording_keep_their_position() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
-    place.does("convert s.mha part.nrrd --frames 1..5 --crop 10,5,20,15 --orientation FU");
+    place.does("convert s.mha -o part.nrrd --frames 1..5 --crop 10,5,20,15 --orientation FU");
     succeeds(&place, "reconstruct s.mha -o whole.mha --spacing 0.5 --frames 1..5 --clip 10,5,20,15 --path general");
     succeeds(&place, "reconstruct part.nrrd -o part.mha --spacing 0.5 --path general --clip none");
     let (whole, part) = (place.volume("whole.mha"), place.volume("part.mha"));
@@ -139,21 +139,21 @@ fn parts_of_a_recording_keep_their_position() {
     let worst = whole.values.iter().zip(&part.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst <= 1.0, "a voxel differs by {worst} grey levels");
     assert!(place.does("inspect part.nrrd").contains("SonoweaveCrop = 10 5 20 15"));
-    place.refuses("convert s.mha x.mha --crop 30,0,20,5", &["s.mha: the crop of 20×5 pixels", "40×30"]);
-    place.refuses("convert s.mha x.mha --frames 6..", &["s.mha: has 6 frames, none of them"]);
-    place.refuses("convert s.mha x.mha --orientation XX", &["the orientation \"XX\" is unknown"]);
-    place.refuses("convert part.nrrd x.mha --crop 0,0,5,5", &["was cropped before"]);
-    place.refuses("convert s.mha s.mha", &["is the input"]);
-    place.refuses("convert s.mha x.nii", &["x.nii: sequences are written as .mha"]);
-    place.refuses("convert s.mha x.mha --station 1=Probe", &["is not a session"]);
-    place.refuses("convert s.mha x.dcm", &["x.dcm: use `sonoweave dicom` to write DICOM"]);
+    place.refuses("convert s.mha -o x.mha --crop 30,0,20,5", &["s.mha: the crop of 20×5 pixels", "40×30"]);
+    place.refuses("convert s.mha -o x.mha --frames 6..", &["s.mha: has 6 frames, none of them"]);
+    place.refuses("convert s.mha -o x.mha --orientation XX", &["the orientation \"XX\" is unknown"]);
+    place.refuses("convert part.nrrd -o x.mha --crop 0,0,5,5", &["was cropped before"]);
+    place.refuses("convert s.mha -o s.mha", &["is the input"]);
+    place.refuses("convert s.mha -o x.nii", &["x.nii: sequences are written as .mha"]);
+    place.refuses("convert s.mha -o x.mha --station 1=Probe", &["is not a session"]);
+    place.refuses("convert s.mha -o x.dcm", &["x.dcm: use `sonoweave dicom` to write DICOM"]);
 }
 
 #[test]
 fn exported_images_equal_the_frames() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
-    place.does("convert s.mha f%03d.png --frames 2..4");
+    place.does("convert s.mha -o f%03d.png --frames 2..4");
     let names: Vec<_> = place.names().into_iter().collect();
     assert_eq!(names, ["f002.png", "f003.png", "s.mha"]);
     let bytes = place.get("s.mha");
@@ -161,7 +161,7 @@ fn exported_images_equal_the_frames() {
     let picture = image::load_from_memory(&place.get("f003.png")).unwrap();
     assert_eq!(picture.to_luma8().into_raw(), pixels[3 * 1200..4 * 1200]);
     std::fs::create_dir(place.path("out")).unwrap();
-    place.does("convert s.mha out --crop 1,2,3,4");
+    place.does("convert s.mha -o out --crop 1,2,3,4");
     let picture = image::open(place.path("out/frame-0005.png")).unwrap().to_luma8();
     assert_eq!((picture.dimensions(), picture.get_pixel(0, 0).0[0]), ((3, 4), pixels[5 * 1200 + 2 * 40 + 1]));
 }
@@ -170,12 +170,12 @@ fn exported_images_equal_the_frames() {
 fn numbered_images_convert_back_to_a_sequence() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
-    place.does("convert s.mha f%03d.png --frames 2..5");
+    place.does("convert s.mha -o f%03d.png --frames 2..5");
     std::fs::create_dir(place.path("out")).unwrap();
-    place.does("convert s.mha out --frames 2..5");
-    place.does("convert f%03d.png back.mha --rate 20");
-    place.does("convert out folder.mha");
-    place.does("convert s.mha part.mha --frames 2..5");
+    place.does("convert s.mha -o out --frames 2..5");
+    place.does("convert f%03d.png -o back.mha --rate 20");
+    place.does("convert out -o folder.mha");
+    place.does("convert s.mha -o part.mha --frames 2..5");
     let pixels = |name: &str| {
         let bytes = place.get(name);
         bytes[bytes.len() - 3 * 1200..].to_vec()
@@ -184,12 +184,12 @@ fn numbered_images_convert_back_to_a_sequence() {
     let text = |name: &str| String::from_utf8_lossy(&place.get(name)).into_owned();
     assert!(text("back.mha").contains("Seq_Frame0002_Timestamp = 0.1\n"), "{}", text("back.mha"));
     assert!(!text("folder.mha").contains("Timestamp"), "{}", text("folder.mha"));
-    place.refuses_with("convert g%03d.png x.mha", &["matches no file"]);
-    place.refuses_with("convert s.mha x.mha --rate 30", &["--rate applies to numbered pictures"]);
+    place.refuses_with("convert g%03d.png -o x.mha", &["matches no file"]);
+    place.refuses_with("convert s.mha -o x.mha --rate 30", &["--rate applies to numbered pictures"]);
     place.put("f004.png", &place.get("f004.png")[..60]);
-    place.refuses_with("convert f%03d.png x.mha", &["f004.png", "cannot be read as PNG"]);
+    place.refuses_with("convert f%03d.png -o x.mha", &["f004.png", "cannot be read as PNG"]);
     std::fs::remove_file(place.path("f003.png")).unwrap();
-    place.refuses_with("convert f%03d.png x.mha", &["f002.png and ", "f004.png", "add the missing frame"]);
+    place.refuses_with("convert f%03d.png -o x.mha", &["f002.png and ", "f004.png", "add the missing frame"]);
 }
 
 #[test]
@@ -197,16 +197,16 @@ fn identifying_fields_are_left_out_and_named() {
     let place = Place::new();
     let lines = "UltrasoundImageOrientation = MFA\nPatientName = B. Doe\n";
     place.put("s.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());
-    let said = place.does("convert s.mha a.seq.nrrd --anonymize");
+    let said = place.does("convert s.mha -o a.seq.nrrd --anonymize");
     assert!(said.contains("left out: PatientName\n"), "{said}");
     assert!(!String::from_utf8_lossy(&place.get("a.seq.nrrd")).contains("Doe"));
     succeeds(&place, "reconstruct s.mha -o v.mha --spacing 0.5");
-    place.does("convert v.mha a.nii.gz --anonymize");
+    place.does("convert v.mha -o a.nii.gz --anonymize");
     let (before, after) = (place.volume("v.mha"), place.volume("a.nii.gz"));
     assert_eq!(before.field("SonoweaveUnseen"), after.field("SonoweaveUnseen"));
     assert!(!after.header.fields.iter().any(|(name, value)| name == "SonoweaveInput" || value.contains("s.mha")));
     assert!(before.values == after.values);
-    place.refuses("convert v.mha x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
+    place.refuses("convert v.mha -o x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
 }
 
 /// Returns the small configuration with latencies, and with a given image pose.
@@ -227,7 +227,7 @@ const IMAGE_TO_PROBE: &str = "1.8,0.0,0.0,-86.0,0.0,1.8,0.0,12.0,0.0,0.0,1.8,0.0
 fn converted_session_has_the_poses_of_its_replay() {
     let place = Place::new();
     let session = place.recorded(&late(), 2);
-    place.does(&format!("convert {session} s.igs.mha"));
+    place.does(&format!("convert {session} -o s.igs.mha"));
     let mut device = Replay::open(&SequenceSettings::new(place.path("s.igs.mha"))).unwrap();
     device.start().unwrap();
     let (mut frames, mut found, mut last) = (0, std::collections::BTreeMap::new(), 0);
@@ -273,11 +273,11 @@ fn converted_session_has_the_poses_of_its_replay() {
     assert!(input.starts_with("SESSION-") && input.ends_with(".mcap"), "{input}");
     let said = place.does("inspect s.igs.mha");
     assert!(said.contains("ProbeToTracker"), "{said}");
-    place.does(&format!("convert {session} named.nrrd --station 2=Patient --frames 0..9"));
+    place.does(&format!("convert {session} -o named.nrrd --station 2=Patient --frames 0..9"));
     assert!(String::from_utf8_lossy(&place.get("named.nrrd")).contains("Seq_Frame0008_PatientToTrackerTransform:="));
     // There and back again, nothing is lost that a sequence can hold.
-    place.does("convert s.igs.mha back.mcap");
-    place.does("convert back.mcap again.seq.nrrd");
+    place.does("convert s.igs.mha -o back.mcap");
+    place.does("convert back.mcap -o again.seq.nrrd");
     same(&place, ["s.igs.mha", "again.seq.nrrd"]);
 }
 
@@ -286,8 +286,8 @@ fn session_frames_are_compressed_on_request() {
     let place = Place::new();
     let session = place.recorded(SMALL_BEDSIDE, 1);
     for (plain, small) in [("p.igs.mha", "c.igs.mha"), ("p.seq.nrrd", "c.seq.nrrd")] {
-        place.does(&format!("convert {session} {plain}"));
-        place.does(&format!("convert {session} {small} --compress"));
+        place.does(&format!("convert {session} -o {plain}"));
+        place.does(&format!("convert {session} -o {small} --compress"));
         let [of_plain, of_small] = [plain, small].map(|name| place.get(name).len());
         assert!(of_small < of_plain * 9 / 10, "{small}: {of_small} bytes, {of_plain} without");
         assert!(place.does(&format!("inspect {small}")).contains("compressed ("), "{small}");
@@ -303,13 +303,13 @@ fn pixel_spacing_survives_containers_session_and_rotation() {
     place.put("s.igs.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());
     let mut last = "s.igs.mha";
     for name in ["a.igs.nrrd", "b.seq.nrrd", "c.mhd", "d.mcap", "e.nhdr", "f.igs.mha"] {
-        place.does(&format!("convert {last} {name}"));
+        place.does(&format!("convert {last} -o {name}"));
         last = name;
     }
     let text = |name: &str| String::from_utf8_lossy(&place.get(name)).into_owned();
     assert!(text("f.igs.mha").contains("\nElementSpacing = 0.2 0.125 1\n"));
     assert!(text("e.nhdr").contains("\nspace directions: (0.2,0) (0,0.125) none\n"), "{}", text("e.nhdr"));
     assert!(place.does("inspect e.nhdr").contains("ElementSpacing = 0.2 0.125"));
-    place.does("convert e.nhdr t.mha --orientation FM --anonymize");
+    place.does("convert e.nhdr -o t.mha --orientation FM --anonymize");
     assert!(text("t.mha").contains("\nElementSpacing = 0.125 0.2 1\n") && !text("t.mha").contains("Doe"));
 }

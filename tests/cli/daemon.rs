@@ -40,7 +40,7 @@ impl Session {
     fn of(bedside: &str, words: &str, variables: &[(&str, &str)]) -> Self {
         let place = Place::new();
         place.put("b.toml", bedside);
-        Self::at(place, &format!("live --config b.toml --stats s.json {words}"), variables)
+        Self::at(place, &format!("live --config b.toml --json=s.json {words}"), variables)
     }
 
     /// Starts a command that runs until a signal ends it.
@@ -260,7 +260,7 @@ fn trace_is_complete_after_sigint() {
 
 #[test]
 fn second_signal_ends_at_once_with_usable_recording() {
-    let mut session = Session::begin("--record r --volume v.mha --quiet", &[]);
+    let mut session = Session::begin("--record r -o v.mha --quiet", &[]);
     session.notified_until("READY=1");
     let recorded = session.waits_for("recording", || {
         let mut files = std::fs::read_dir(session.place.path("r")).ok()?;
@@ -274,9 +274,9 @@ fn second_signal_ends_at_once_with_usable_recording() {
     assert!(!session.place.path("v.mha").exists(), "nothing more is written");
     let repaired = session.place.path("repaired.mcap");
     let inspected = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
-        .arg("inspect")
+        .arg("repair")
         .arg(&recorded)
-        .arg("--repair")
+        .arg("-o")
         .arg(&repaired)
         .output()
         .unwrap();
@@ -315,7 +315,7 @@ fn occupied_port_is_refused_at_start() {
     let place = Place::new();
     place.put("b.toml", SMALL.replace("127.0.0.1:0", &taken.local_addr().unwrap().to_string()));
     place.refuses(
-        "live --quiet --config b.toml --record rec --stats s.json",
+        "live --quiet --config b.toml --record rec --json=s.json",
         &["status.listen: ", "cannot listen at", "another session or program uses this port"],
     );
 }
@@ -328,7 +328,7 @@ fn public_address_without_tls_and_token_is_refused() {
         "status.listen: other machines can reach 0.0.0.0:0",
         "[status] has no certificate, no key and no token_file: give them",
     ];
-    place.refuses("live --quiet --config b.toml --record rec --stats s.json", &says);
+    place.refuses("live --quiet --config b.toml --record rec --json=s.json", &says);
     place.put("b.toml", SMALL);
     place.refuses("live --quiet --config b.toml --record rec --console 0.0.0.0:0", &says);
     let checked = place.run("live --config b.toml --check");
@@ -352,7 +352,7 @@ fn realtime_setting_controls_scheduling_request() {
     let run = |realtime: &str| {
         let volume = "[volume]\nmax_memory_gib = 0.1\n";
         place.put("b.toml", format!("{}[process]\nrealtime = \"{realtime}\"\n", SMALL.replace("[volume]\n", volume)));
-        place.run("live --config b.toml --duration 0.5 --stats s.json")
+        place.run("live --config b.toml --duration 0.5 --json=s.json")
     };
     for other in ["never", "if-permitted"] {
         let ran = run(other);

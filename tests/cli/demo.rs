@@ -18,7 +18,7 @@ fn begins_together(stats: &Value) {
 #[test]
 fn demo_writes_its_outputs_and_uses_the_seed() {
     let place = Place::new();
-    let run = place.run("demo --duration 1.5 --out demo --seed 7 --headless");
+    let run = place.run("demo --duration 1.5 -o demo --seed 7 --headless");
     assert_eq!(run.code, 0, "{}", run.stderr);
     for name in ["bedside.toml", "picture.png", "statistics.json", "volume.mha"] {
         assert!(place.path("demo").join(name).is_file(), "{name}");
@@ -31,7 +31,7 @@ fn demo_writes_its_outputs_and_uses_the_seed() {
 #[test]
 fn demo_with_arm_takes_planar_path_by_itself() {
     let place = Place::new();
-    let run = place.run("demo --arm --duration 5 --out demo --seed 7 --headless");
+    let run = place.run("demo --arm --duration 5 -o demo --seed 7 --headless");
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(!run.stderr.contains("not homed"), "{}", run.stderr);
     let stats = place.json("demo/statistics.json");

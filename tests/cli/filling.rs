@@ -25,7 +25,7 @@ fn filled_voxels_have_weight_minus_one() {
     place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --weights w.mha"));
     for law in ["nearest", "gaussian"] {
         let said = place.does_narrowly(&format!(
-            "{RECONSTRUCT} -o f.mha --weights wf.mha --fill {law} --fill-radius 1 --stats s.json"
+            "{RECONSTRUCT} -o f.mha --weights wf.mha --fill {law} --fill-radius 1 --json=s.json"
         ));
         let [v, w, f, wf] = ["v.mha", "w.mha", "f.mha", "wf.mha"].map(|name| place.volume(name));
         assert_eq!((v.header.size, w.header.size), (f.header.size, wf.header.size));
@@ -61,7 +61,7 @@ fn filled_voxels_have_weight_minus_one() {
         assert!(place.does("inspect f.mha --weights wf.mha").contains(&format!("; {filled} filled (")));
     }
     assert!(place.json("s.json")["fill"].is_object());
-    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --stats s.json"));
+    place.does_narrowly(&format!("{RECONSTRUCT} -o v.mha --json=s.json"));
     assert_eq!(place.json("s.json")["fill"], Value::Null, "off unless asked for");
 }
 
@@ -102,7 +102,7 @@ fn filling_is_equal_for_all_threads_and_replay() {
     place.does_narrowly(&format!("{RECONSTRUCT} -o 1.mha --weights w1.mha {fill} --threads 1"));
     place.does_narrowly(&format!("{RECONSTRUCT} -o 3.mha --weights w3.mha {fill} --threads 3"));
     assert!(place.get("1.mha") == place.get("3.mha") && place.get("w1.mha") == place.get("w3.mha"));
-    let replay = RECONSTRUCT.replace("reconstruct", "replay");
+    let replay = RECONSTRUCT.replace("reconstruct", "animate");
     place.does_narrowly(&format!("{replay} -o r.mha --weights wr.mha {fill} --picture p.png"));
     assert!(place.get("1.mha") == place.get("r.mha") && place.get("w1.mha") == place.get("wr.mha"));
 }
@@ -116,7 +116,7 @@ fn invalid_fill_radius_is_refused_first() {
     );
     place.refuses(&format!("{RECONSTRUCT} -o v.mha --fill nearest --fill-radius -1"), &["-1 mm"]);
     place.refuses(&format!("{RECONSTRUCT} -o v.mha --fill gaussian --fill-radius 17"), &["more than 32 voxels"]);
-    place.refuses("replay s.mha --fill nearest --picture p.png", &["--fill: ", "none is written"]);
+    place.refuses("animate s.mha --fill nearest --picture p.png", &["--fill: ", "none is written"]);
     assert_eq!(place.run(&format!("{RECONSTRUCT} -o v.mha --fill-radius 2")).code, 2, "a radius without a law");
     place.put("bedside.toml", place.does("live --example virtual"));
     place.refuses("live --config bedside.toml --duration 1 --fill nearest", &["--fill: ", "none is written"]);

@@ -25,7 +25,7 @@ fn sensor_on_breathing_patient_is_never_static() {
     // It permits no insertion.
     place.refuses("live --config bedside.toml --duration 1", &["[calibration] (line 1): is missing: give file = "]);
     let run = place.run(
-        "calibrate tracker --live bedside.toml --sensor Reference --record sessions --duration 5 --report noise.json",
+        "calibrate tracker --live bedside.toml --sensor Reference --record sessions --duration 5 --json=noise.json",
     );
     assert_eq!((run.code, run.stdout.as_str()), (1, ""), "{}", run.stderr);
     for says in ["recorded in sessions/", "lay it down, let go of it", "ended: the sensor lies still for ", ".mcap: "] {

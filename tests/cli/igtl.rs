@@ -81,7 +81,7 @@ fn session_can_use_another_session_as_devices() {
         "{server}"
     );
     assert!(of("grabber").contains("96×80 pixels, grey"), "{report}");
-    place.does("live --config b.toml --quiet --duration 4 --record r --volume v.mha --stats s.json");
+    place.does("live --config b.toml --quiet --duration 4 --record r -o v.mha --json=s.json");
     let statistics: Value = serde_json::from_slice(&place.get("s.json")).unwrap();
     let frames = &statistics["frames"];
     let used = frames["used"].as_u64().unwrap();

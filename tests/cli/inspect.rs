@@ -338,7 +338,7 @@ fn session_is_described_and_repaired() {
     harmed[pictures[20]] ^= 1;
     harmed.truncate(pictures[45]);
     place.put("harmed.mcap", &harmed);
-    let text = place.does("inspect harmed.mcap --repair whole.mcap");
+    let text = place.does("repair harmed.mcap -o whole.mcap");
     for line in ["broken off", "missing\n", " of /tracker/pose/1\n", "a chunk with a wrong checksum", "repaired\n"] {
         assert!(text.contains(line), "{text} lacks {line:?}");
     }
@@ -353,10 +353,11 @@ fn session_is_described_and_repaired() {
     place.put("none.mcap", "nothing");
     place.put("text.txt", "nothing");
     for (words, said) in [
-        ("inspect harmed.mcap --repair whole.mcap", "exists"),
+        ("repair harmed.mcap -o whole.mcap", "exists"),
         ("inspect Cargo.mcap", "reading failed"),
         ("inspect none.mcap", "is not a session: the file has no complete chunk of MCAP; give a recorded session"),
-        ("inspect text.txt --repair x.mcap", "neither MetaImage"),
+        ("inspect text.txt", "neither MetaImage"),
+        ("repair text.txt -o x.mcap", "only sessions are repaired"),
     ] {
         place.refuses(words, &[said]);
     }

@@ -94,7 +94,7 @@ fn floor_gives_lag_and_calibration_file_is_extended() {
         "format = \"sonoweave-calibration\"\nversion = 1\nprovenance = \"N-wire\"\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n",
     );
     let words =
-        "calibrate latency --video video.mha --tracker tracker.mha --video-latency-ms 60 -o probe.toml --report r.json";
+        "calibrate latency --video video.mha --tracker tracker.mha --video-latency-ms 60 -o probe.toml --json=r.json";
     let said = place.does(words);
     assert!(said.starts_with("lag             -41.") && said.contains("the video lags the tracker"), "{said}");
     let report = place.json("r.json");
@@ -119,7 +119,7 @@ fn crossing_slices_give_lag_without_phantom() {
     let place = Place::new();
     let sweep = "phantom -o video.mha --calibration probe.toml --trajectory crossing --image-size 160x150 --pixel 0.3 --frames 140 --gap 0.7 --seed 5";
     place.does(sweep);
-    let words = "calibrate latency --video video.mha --tracker tracker.mha --config probe.toml --method crossings --range-ms 200 -o probe.toml --report r.json";
+    let words = "calibrate latency --video video.mha --tracker tracker.mha --config probe.toml --method crossings --range-ms 200 -o probe.toml --json=r.json";
     for by in [0.0437, -0.025] {
         later(&place, "video.mha", "tracker.mha", by);
         let said = place.does(words);
@@ -169,7 +169,7 @@ fn session_gives_total_lag_despite_pairing() {
     let place = Place::new();
     let session = place.recorded(BEDSIDE, 6);
     let said =
-        place.does(&format!("calibrate latency --session {session} --method crossings -o probe.toml --report r.json"));
+        place.does(&format!("calibrate latency --session {session} --method crossings -o probe.toml --json=r.json"));
     let report = place.json("r.json");
     let number = |key: &str| report[key].as_f64().unwrap();
     // The devices' times are those of the machine: a loaded one delivers later.
@@ -184,7 +184,7 @@ fn unsuitable_recordings_are_refused_without_output() {
     let place = Place::new();
     tank(&place, 0.02);
     later(&place, "tracker.mha", "other.mha", 500.0);
-    let to = "-o c.toml --report r.json";
+    let to = "-o c.toml --json=r.json";
     place.refuses(
         &format!("calibrate latency --video video.mha --tracker other.mha {to}"),
         &["no lag: none of 900 poses is from the frames' time", "of one clock"],

@@ -22,7 +22,7 @@ fn ball() -> Place {
     place
 }
 
-const SMALL: &str = "--image-size 40x40 --threads 1 --stats s.json";
+const SMALL: &str = "--image-size 40x40 --threads 1 --json=s.json";
 
 fn middle_and_edge(place: &Place) -> [u8; 2] {
     let picture = image::load_from_memory(&place.get("p.png")).unwrap().to_rgb8();
@@ -124,7 +124,7 @@ fn replay_picture_equals_volume_picture_in_every_mode() {
         for cache in ["none --threads 2", "linear --threads 1", "two-level --threads 3", "one-level"] {
             let view_flags = format!("--image-size 48x40 --view 40,25 {view_flags}");
             place.does(&format!(
-                "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json --cache {cache} {view_flags}"
+                "animate s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --json=s.json --cache {cache} {view_flags}"
             ));
             place.does(&format!("render v.mha --weights w.mha -o q.png {view_flags}"));
             assert!(place.get("p.png") == place.get("q.png"), "{cache} {view_flags}: not the same picture");
@@ -138,8 +138,8 @@ fn replay_picture_equals_volume_picture_in_every_mode() {
 #[test]
 fn flags_unused_by_mode_are_refused() {
     let place = ball();
-    for command in ["render v.mha -o p.png", "replay s.mha --picture p.png"] {
-        if command.starts_with("replay") {
+    for command in ["render v.mha -o p.png", "animate s.mha --picture p.png"] {
+        if command.starts_with("animate") {
             place.does("phantom -o s.mha --image-size 20x16 --pixel 1 --frames 4 --gap 1");
         }
         for (flags, says) in [

@@ -16,7 +16,7 @@ fn arm(flags: &str) -> Place {
 
 /// Reconstructs; returns the statistics, and the messages on stderr.
 fn reconstruct(place: &Place, flags: &str) -> (Value, String) {
-    let run = place.run(&format!("reconstruct s.mha -o v.mha --weights w.mha --stats s.json {flags}"));
+    let run = place.run(&format!("reconstruct s.mha -o v.mha --weights w.mha --json=s.json {flags}"));
     assert_eq!(run.code, 0, "{flags}: {}", run.stderr);
     (place.json("s.json"), run.stderr)
 }

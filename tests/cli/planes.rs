@@ -77,7 +77,7 @@ fn share([x, y, z]: [f64; 3], last: f64) -> f64 {
 #[test]
 fn three_planes_show_ramp_values_at_stated_positions() {
     let place = ramp();
-    let said = place.does("render v.mha --weights w.mha -o p.png --mode slice --image-size 400x360 --stats s.json");
+    let said = place.does("render v.mha --weights w.mha -o p.png --mode slice --image-size 400x360 --json=s.json");
     assert!(
         said.starts_with("p.png: 400×360 pixels, xy at z = 5.5 mm; xz at y = 7.5 mm; zy at x = 9.5 mm, ")
             && said.contains(" mm a pixel, of v.mha, in "),
@@ -110,8 +110,8 @@ fn three_planes_show_ramp_values_at_stated_positions() {
     // At another position, and with any number of threads.
     place.does("render v.mha --weights w.mha -o q.png --mode slice --image-size 400x360 --threads 3");
     assert!(place.get("q.png") == place.get("p.png"));
-    let said = place
-        .does("render v.mha -o q.png --mode slice --at 3,4.5,-0.5 --draw none --image-size 400x360 --stats s.json");
+    let said =
+        place.does("render v.mha -o q.png --mode slice --at 3,4.5,-0.5 --draw none --image-size 400x360 --json=s.json");
     assert!(said.contains("xy at z = -0.5 mm; xz at y = 4.5 mm; zy at x = 3 mm"), "{said}");
     assert_eq!(place.json("s.json")["picture"]["drawn"], serde_json::json!([]));
     let across = place.json("s.json")["picture"]["planes"][2].clone();
@@ -124,7 +124,7 @@ fn three_planes_show_ramp_values_at_stated_positions() {
 #[test]
 fn free_plane_shows_ramp_values() {
     let place = ramp();
-    let view_flags = "--mode slice --image-size 300x300 --stats s.json";
+    let view_flags = "--mode slice --image-size 300x300 --json=s.json";
     let said = place
         .does(&format!("render v.mha --weights w.mha -o p.png {view_flags} --plane 9,5,5,0.5,-1,0.7 --window 0,200"));
     assert!(said.contains("through 9, 5, 5 mm, across 0.38, -0.76, 0.53"), "{said}");
@@ -154,7 +154,7 @@ fn overlays_tint_the_pixels_they_concern() {
     let place = ramp();
     let draw = |flags: &str| {
         place.does(&format!(
-            "render v.mha --weights w.mha -o p.png --mode slice --image-size 300x280 --at 9,5,5 --stats s.json {flags}"
+            "render v.mha --weights w.mha -o p.png --mode slice --image-size 300x280 --at 9,5,5 --json=s.json {flags}"
         ));
         (picture(&place, "p.png"), place.json("s.json")["picture"].clone())
     };
@@ -199,7 +199,7 @@ fn replay_planes_equal_volume_planes() {
             flags.split_once(" --origin").map_or((flags, String::new()), |(l, o)| (l, format!("--origin{o}")));
         let view_flags = format!("--mode slice --image-size 260x250 {view_flags}");
         place.does(&format!(
-            "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {view_flags} {lattice}"
+            "animate s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --json=s.json {view_flags} {lattice}"
         ));
         let s = place.json("s.json");
         assert_eq!((&s["from"], &s["nearest_work"]), (&"volume".into(), &Value::Null));
@@ -213,8 +213,8 @@ fn replay_planes_equal_volume_planes() {
 fn raw_planes_show_the_nearest_slices() {
     let place = sweep();
     std::fs::create_dir(place.path("way")).unwrap();
-    let flags = "--clip none --picture p.png --mode slice --from raw --image-size 260x250 --stats s.json";
-    let said = place.does(&format!("replay s.mha {flags} --pictures way --every 7"));
+    let flags = "--clip none --picture p.png --mode slice --from raw --image-size 260x250 --json=s.json";
+    let said = place.does(&format!("animate s.mha {flags} --pictures way --every 7"));
     assert!(said.contains("p.png: 260×250 pixels") && said.contains("of the nearest slices"), "{said}");
     let s = place.json("s.json");
     let work = &s["nearest_work"];
@@ -229,7 +229,7 @@ fn raw_planes_show_the_nearest_slices() {
     let last = std::fs::read(place.path("way/frame-00013.png")).unwrap();
     assert!(last == place.get("p.png") && std::fs::read(place.path("way/frame-00006.png")).unwrap() != last);
     // It differs from the volume's.
-    place.does("replay s.mha --clip none --picture q.png --mode slice --image-size 260x250");
+    place.does("animate s.mha --clip none --picture q.png --mode slice --image-size 260x250");
     assert!(place.get("q.png") != place.get("p.png"));
 }
 
@@ -237,9 +237,9 @@ fn raw_planes_show_the_nearest_slices() {
 fn overlays_leave_other_pixels_unchanged() {
     let place = sweep();
     std::fs::create_dir(place.path("way")).unwrap();
-    let view_flags = "--image-size 240x200 --transfer phantom --view 40,25 --clip none --threads 1 --stats s.json";
+    let view_flags = "--image-size 240x200 --transfer phantom --view 40,25 --clip none --threads 1 --json=s.json";
     let replay = |name: &str, flags: &str| {
-        place.does(&format!("replay s.mha --picture {name} {view_flags} {flags}"));
+        place.does(&format!("animate s.mha --picture {name} {view_flags} {flags}"));
         (picture(&place, name), place.json("s.json")["drawn"].clone())
     };
     let (plain, none) = replay("p.png", "--pictures way --every 14");
@@ -258,7 +258,7 @@ fn overlays_leave_other_pixels_unchanged() {
     assert!(differing(&all) > differing(&over));
     // A volume's picture has a scale and a cube, in their corners.
     place.does("reconstruct s.mha --clip none -o v.mha --weights w.mha");
-    let render = "render v.mha --weights w.mha --image-size 240x200 --transfer phantom --stats s.json";
+    let render = "render v.mha --weights w.mha --image-size 240x200 --transfer phantom --json=s.json";
     place.does(&format!("{render} -o p.png"));
     place.does(&format!("{render} -o q.png --draw scale,cube"));
     assert_eq!(place.json("s.json")["pictures"][0]["drawn"], serde_json::json!(["scale", "cube"]));
@@ -319,6 +319,6 @@ fn impossible_planes_are_refused() {
         ("--mode slice --cache none", &["--cache", "no"]),
         ("--mode slice --at 999,0,0", &["--at", "misses the volume"]),
     ] {
-        place.refuses(&format!("replay s.mha --clip none --picture p.png {flags}"), says);
+        place.refuses(&format!("animate s.mha --clip none --picture p.png {flags}"), says);
     }
 }

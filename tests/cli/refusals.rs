@@ -5,7 +5,7 @@ use super::place::Place;
 use super::sequence::{Sequence, deflated, pose};
 
 /// One thread: each further one reserves address space, which is limited below.
-const RECONSTRUCT: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json --threads 1";
+const RECONSTRUCT: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --json=s.json --threads 1";
 
 /// Address space that suffices for every refusal here, kB.
 const MODEST: u64 = 400_000;
@@ -131,7 +131,7 @@ fn non_finite_pose_refuses_its_frame_only() {
     let nan: fn(u32) -> String =
         |frame| if frame == 2 { pose(2.0).replacen("0.5", "nan", 1) } else { pose(f64::from(frame)) };
     place.put("s.mha", with(|s| s.pose = nan).bytes());
-    let run = place.run("reconstruct s.mha -o v.mha --stats s.json");
+    let run = place.run("reconstruct s.mha -o v.mha --json=s.json");
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains("1 × pose_not_finite, first frame 2: "), "{}", run.stderr);
     let frames = &place.json("s.json")["frames"];
@@ -263,10 +263,10 @@ fn missing_inputs_and_impossible_outputs_are_refused() {
     place.refuses("reconstruct none.mha -o v.mha", &["none.mha: ", "No such file"]);
     place.refuses("reconstruct . -o v.mha", &[".: "]);
     place.refuses("reconstruct s.mha -o none/v.mha", &["none/v.mha: the folder none does not exist"]);
-    place.refuses("reconstruct s.mha -o v.mha --stats none/s.json", &["none/s.json: the folder none does not exist"]);
+    place.refuses("reconstruct s.mha -o v.mha --json=none/s.json", &["none/s.json: the folder none does not exist"]);
     place.refuses("reconstruct s.mha -o s.mha", &["s.mha: is the input"]);
     place.refuses("reconstruct s.mha -o ./s.mha", &["./s.mha: is the input"]);
-    place.refuses("reconstruct s.mha -o v.mha --stats s.mha", &["s.mha: is the input"]);
+    place.refuses("reconstruct s.mha -o v.mha --json=s.mha", &["s.mha: is the input"]);
     place.refuses("reconstruct s.mha -o v.tif", &["v.tif: volumes are written as .mha"]);
 }
 

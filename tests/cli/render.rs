@@ -40,7 +40,7 @@ fn pixels(place: &Place, name: &str) -> image::RgbImage {
 #[test]
 fn ball_is_rendered_with_statistics() {
     let place = ball();
-    let said = place.does("render v.mha -o p.png --image-size 60x50 --transfer phantom --stats s.json --threads 2");
+    let said = place.does("render v.mha -o p.png --image-size 60x50 --transfer phantom --json=s.json --threads 2");
     assert_eq!(said.lines().count(), 1, "{said}");
     assert!(
         said.starts_with("p.png: 60×50 pixels of v.mha, shaded, phantom, from 30°, 20°, in ")
@@ -100,7 +100,7 @@ fn every_flag_takes_effect() {
     place.does("render v.mha -o p.png --image-size 40x40 --transfer phantom --threads 3");
     assert!(place.get("p.png") == plain);
     let s = |flags: &str| {
-        draw(&format!("--stats s.json {flags}"));
+        draw(&format!("--json=s.json {flags}"));
         place.json("s.json")["pictures"][0].clone()
     };
     assert_eq!(s("--arity 3")["arity"], 3);
@@ -117,7 +117,7 @@ fn every_flag_takes_effect() {
 fn any_parts_give_same_picture_and_are_counted() {
     let place = ball();
     let draw = |flags: &str| {
-        place.does(&format!("render v.mha -o p.png --image-size 40x40 --transfer phantom --stats s.json {flags}"));
+        place.does(&format!("render v.mha -o p.png --image-size 40x40 --transfer phantom --json=s.json {flags}"));
         (place.get("p.png"), place.json("s.json")["pictures"][0].clone())
     };
     let (plain, s) = draw("--parts 1 --threads 1");
@@ -145,7 +145,7 @@ fn weights_distinguish_unseen_from_dark() {
     let weights: Vec<u8> =
         (0..24 * 20 * 16).flat_map(|i| if i % 24 > 9 { 1.0_f32 } else { 0.0 }.to_ne_bytes()).collect();
     put(&place, "w.mha", &floats, &weights);
-    let flags = "-o p.png --image-size 40x40 --transfer phantom --stats s.json";
+    let flags = "-o p.png --image-size 40x40 --transfer phantom --json=s.json";
     place.does(&format!("render v.mha {flags}"));
     let all = place.get("p.png");
     place.does(&format!("render v.mha --weights w.mha {flags}"));
@@ -157,7 +157,7 @@ fn weights_distinguish_unseen_from_dark() {
 fn turntable_covers_full_circle() {
     let place = ball();
     let flags = "--image-size 32x32 --transfer phantom --threads 1";
-    let said = place.does(&format!("render v.mha -o t.png --turntable 4 --stats s.json --view 10,15 {flags}"));
+    let said = place.does(&format!("render v.mha -o t.png --turntable 4 --json=s.json --view 10,15 {flags}"));
     assert!(said.contains("t-000.png and on, 4 pictures"), "{said}");
     let names: Vec<String> = place.names().into_iter().filter(|n| n.ends_with(".png")).collect();
     assert_eq!(names, ["t-000.png", "t-001.png", "t-002.png", "t-003.png"]);
@@ -201,7 +201,7 @@ fn impossible_pictures_are_refused() {
         ("render v.mha -o p.png --image-size 100000x10", &["100000×10", "8192"][..]),
         ("render v.mha -o none/p.png", &["none/p.png", "the folder none does not exist"]),
         ("render v.mha -o p.jpg", &["p.jpg", ".png"]),
-        ("render v.mha -o p.png --stats none/s.json", &["the folder none does not exist"]),
+        ("render v.mha -o p.png --json=none/s.json", &["the folder none does not exist"]),
         ("render two.mha -o p.png", &["two.mha", "2 channels"]),
         ("render v.mha --weights other.mha -o p.png", &["other.mha", "not the weights", "the size"]),
         ("render none.mha -o p.png", &["none.mha"]),

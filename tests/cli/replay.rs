@@ -14,7 +14,7 @@ const VIEW_FLAGS: &str = "--image-size 64x48 --transfer phantom --view 40,25";
 /// Replays with a picture and a volume, renders the volume, and returns both pictures.
 fn both(place: &Place, replay: &str, view_flags: &str) -> (Vec<u8>, Vec<u8>) {
     let run = place.run(&format!(
-        "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {replay} {view_flags}"
+        "animate s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --json=s.json {replay} {view_flags}"
     ));
     assert_eq!(run.code, 0, "{replay}: {}", run.stderr);
     place.does(&format!("render v.mha --weights w.mha -o q.png {view_flags}"));
@@ -98,7 +98,7 @@ fn path_change_does_not_change_the_picture() {
 #[test]
 fn rendered_box_is_known_before_the_first_slice() {
     let place = sweep("");
-    place.does(&format!("replay s.mha --clip none --pictures . {VIEW_FLAGS} -o v.mha"));
+    place.does(&format!("animate s.mha --clip none --pictures . {VIEW_FLAGS} -o v.mha"));
     place.does("reconstruct s.mha --clip none -o r.mha");
     let (followed, plain) = (place.volume("v.mha"), place.volume("r.mha"));
     let text = plain.field("SonoweaveSlicesBox").to_owned();
@@ -122,7 +122,7 @@ fn intermediate_pictures_and_statistics_are_written() {
     let place = sweep("");
     std::fs::create_dir(place.path("way")).unwrap();
     let said = place.does(&format!(
-        "replay s.mha --clip none --speed max --picture p.png --pictures way --every 5 --stats s.json --arity 4 --threads 1 {VIEW_FLAGS}"
+        "animate s.mha --clip none --speed max --picture p.png --pictures way --every 5 --json=s.json --arity 4 --threads 1 {VIEW_FLAGS}"
     ));
     assert!(
         said.contains("p.png: 64×48 pixels")
@@ -150,7 +150,7 @@ fn intermediate_pictures_and_statistics_are_written() {
     // Too little memory for the cache: this is reported, and nothing else changes.
     let before = place.get("p.png");
     let run = place.run(&format!(
-        "replay s.mha --clip none --picture p.png --cache-bytes 1000 --stats s.json --arity 4 {VIEW_FLAGS}"
+        "animate s.mha --clip none --picture p.png --cache-bytes 1000 --json=s.json --arity 4 {VIEW_FLAGS}"
     ));
     assert!(run.code == 0 && run.stderr.contains("--cache-bytes"), "{}", run.stderr);
     assert!(place.get("p.png") == before && place.json("s.json")["picture"]["cache"] == "none");
@@ -160,26 +160,26 @@ fn intermediate_pictures_and_statistics_are_written() {
 fn impossible_replays_are_refused() {
     let place = sweep("");
     for (words, says) in [
-        ("replay s.mha", &["nothing to draw", "--picture", "reconstruct"][..]),
-        ("replay s.mha -o v.mha --stats s.json", &["nothing to draw"]),
-        ("replay s.mha --picture none/p.png", &["the folder none does not exist"]),
-        ("replay s.mha --picture p.jpg", &[".png"]),
-        ("replay s.mha --pictures none", &["--pictures none", "the folder does not exist"]),
-        ("replay s.mha --picture p.png --image-size 100000x100000", &["100000"]),
-        ("replay s.mha --picture p.png --transfer muscle", &["muscle", "tissue"]),
-        ("replay s.mha --picture p.png --perspective -3", &["view"]),
-        ("replay s.mha --picture p.png -o v.vtk", &["v.vtk", ".mha"]),
-        ("replay s.mha --picture p.png --step 1e-4", &["--step"]),
+        ("animate s.mha", &["nothing to draw", "--picture", "reconstruct"][..]),
+        ("animate s.mha -o v.mha --json=s.json", &["nothing to draw"]),
+        ("animate s.mha --picture none/p.png", &["the folder none does not exist"]),
+        ("animate s.mha --picture p.jpg", &[".png"]),
+        ("animate s.mha --pictures none", &["--pictures none", "the folder does not exist"]),
+        ("animate s.mha --picture p.png --image-size 100000x100000", &["100000"]),
+        ("animate s.mha --picture p.png --transfer muscle", &["muscle", "tissue"]),
+        ("animate s.mha --picture p.png --perspective -3", &["view"]),
+        ("animate s.mha --picture p.png -o v.vtk", &["v.vtk", ".mha"]),
+        ("animate s.mha --picture p.png --step 1e-4", &["--step"]),
     ] {
         let words = words.replace("--perspective -3", "--perspective=-3");
         place.refuses(&words, says);
     }
     for (words, says) in [
-        ("replay s.mha --picture p.png --speed 0", "1 is the recorded speed"),
-        ("replay s.mha --picture p.png --cache all", "linear"),
-        ("replay s.mha --picture p.png --every 2", "--pictures"),
-        ("replay s.mha --pictures . --every 0", "--every"),
-        ("replay s.mha --picture p.png --view 1,nan", "must be finite"),
+        ("animate s.mha --picture p.png --speed 0", "1 is the recorded speed"),
+        ("animate s.mha --picture p.png --cache all", "linear"),
+        ("animate s.mha --picture p.png --every 2", "--pictures"),
+        ("animate s.mha --pictures . --every 0", "--every"),
+        ("animate s.mha --picture p.png --view 1,nan", "must be finite"),
     ] {
         let run = place.run(words);
         assert_eq!(run.code, 2, "{words}: {}", run.stderr);

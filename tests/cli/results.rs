@@ -126,14 +126,14 @@ fn frame_range_selects_frames() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.does_narrowly(
-        "reconstruct s.mha --path general -o v.mha --frames 2..5 --stats s.json --sigma 0.5,0.5,0.2 --spacing 0.5",
+        "reconstruct s.mha --path general -o v.mha --frames 2..5 --json=s.json --sigma 0.5,0.5,0.2 --spacing 0.5",
     );
     let statistics = place.json("s.json");
     assert_eq!(statistics["frames"]["used"], 3);
     assert_eq!(statistics["frame_range"], serde_json::json!([2, 5]));
     let header = place.volume("v.mha").header;
     assert!((header.origin[2] - 2.0).abs() <= 0.5 && header.size[2] <= 7, "{header:?}");
-    let run = place.run("reconstruct s.mha --path general -o v.mha --frames 4..99 --stats s.json");
+    let run = place.run("reconstruct s.mha --path general -o v.mha --frames 4..99 --json=s.json");
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert_eq!(place.json("s.json")["frames"]["used"], 2);
 }
@@ -168,7 +168,7 @@ fn statistics_describe_the_run() {
         Sequence { status: |frame| if frame == 3 { "INVALID" } else { "OK" }, ..Sequence::default() }.bytes(),
     );
     let run = place
-        .run("reconstruct s.mha --path general -o v.mha --stats s.json --threads 1 --simd portable --spacing 0.5 --sigma 0.6,0.6,0.8");
+        .run("reconstruct s.mha --path general -o v.mha --json=s.json --threads 1 --simd portable --spacing 0.5 --sigma 0.6,0.6,0.8");
     assert_eq!(run.code, 0, "{}", run.stderr);
     let s = place.json("s.json");
     assert_eq!(s["frames"]["total"], 6);
@@ -204,7 +204,7 @@ fn statistics_describe_the_run() {
 fn volume_header_has_provenance() {
     let place = Place::new();
     place.put("sweep.mha", Sequence::default().bytes());
-    place.does("reconstruct sweep.mha --path general -o v.mha --stats s.json");
+    place.does("reconstruct sweep.mha --path general -o v.mha --json=s.json");
     let volume = place.volume("v.mha");
     assert_eq!(volume.field("SonoweaveVersion"), env!("CARGO_PKG_VERSION"));
     let hash = place.json("s.json")["input_sha256"].as_str().unwrap().to_owned();
@@ -315,7 +315,7 @@ fn repeated_frame_adds_nothing() {
         "s.mha",
         Sequence { pose: still, pixel: |u, v, f| vec![grey(u, v, f / 2)], ..Sequence::default() }.bytes(),
     );
-    let run = place.run("reconstruct s.mha -o v.mha --stats s.json");
+    let run = place.run("reconstruct s.mha -o v.mha --json=s.json");
     assert!(run.stderr.contains("3 × repeated"), "{}", run.stderr);
     assert_eq!(place.json("s.json")["frames"]["used"], 3);
 }

@@ -9,7 +9,7 @@ use super::place::Place;
 /// Returns statistics of a reconstruction of a small sweep (pixels of 0.5 mm, so that the
 /// in-plane σ defaults to 0.375 mm).
 fn statistics(place: &Place, flags: &str) -> Value {
-    place.does(&format!("reconstruct s.mha -o v.mha --stats s.json {flags}"));
+    place.does(&format!("reconstruct s.mha -o v.mha --json=s.json {flags}"));
     place.json("s.json")
 }
 
@@ -100,7 +100,7 @@ fn methods_and_compounding_affect_volume_and_header() {
     ];
     for (method, sigma, support) in cases {
         let said = place
-            .run(&format!("reconstruct s.mha -o v.mha --stats s.json --clip none --sigma 0.8,0.9,1 --method {method}"));
+            .run(&format!("reconstruct s.mha -o v.mha --json=s.json --clip none --sigma 0.8,0.9,1 --method {method}"));
         assert_eq!(said.code, 0, "{}", said.stderr);
         let s = place.json("s.json");
         close(&s["sigma_mm"], sigma);
@@ -120,7 +120,7 @@ fn methods_and_compounding_affect_volume_and_header() {
     place.does("phantom -o p.mha --image-size 40x36 --pixel 0.5 --frames 9 --gap 0.5 --trajectory parallel");
     for (flags, what) in [("--method nearest", "the kernel nearest"), ("--compound maximum", "the compounding maximum")]
     {
-        place.does(&format!("reconstruct p.mha -o v.mha --stats s.json --clip none {flags}"));
+        place.does(&format!("reconstruct p.mha -o v.mha --json=s.json --clip none {flags}"));
         assert_eq!(place.json("s.json")["path"], "general");
         let says = [format!("the planar path does not support {what}: choose the general path")];
         place.refuses(&format!("reconstruct p.mha -o w.mha --path planar --clip none {flags}"), &[&says[0]]);

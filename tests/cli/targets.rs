@@ -60,7 +60,7 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     let place = Place::new();
     swept(&place, "cross-wire");
     let said =
-        place.does("calibrate probe --method point --sequence cross-wire.igs.mha -o point.toml --report point.json --report point.html");
+        place.does("calibrate probe --method point --sequence cross-wire.igs.mha -o point.toml --json=point.json --report point.html");
     assert!(said.contains("frames of a point at rest used"), "{said}");
     assert!(said.contains("next view: bring the target to the image's "), "{said}");
     looks_like_a_page(&place, "point.html", "a point at rest", 398);
@@ -81,7 +81,7 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     );
     let by_tip =
         "calibrate probe --method stylus --stylus Reference --stylus-tip tip.toml --sequence cross-wire.igs.mha";
-    place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --report stylus.json --report stylus.html"));
+    place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --json=stylus.json --report stylus.html"));
     looks_like_a_page(&place, "stylus.html", "a stylus's tip", 398);
     let [middle, corner] = off(&place, "stylus.toml");
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
@@ -97,7 +97,7 @@ fn next_view_is_the_most_uncertain_corner() {
     // Only a part at one side is visible: the far corner is the most uncertain.
     for clip in ["0,0,320,240", "0,0,180,240", "140,0,180,240"] {
         place.does(&format!(
-            "calibrate probe --method point --sequence cross-wire.igs.mha --clip {clip} --limit 50 -o c.toml --report r.json"
+            "calibrate probe --method point --sequence cross-wire.igs.mha --clip {clip} --limit 50 -o c.toml --json=r.json"
         ));
         let report = place.json("r.json");
         let rows: Vec<Vec<f64>> = serde_json::from_value(report["predicted_error_mm"].clone()).unwrap();
@@ -122,7 +122,7 @@ fn next_view_is_the_most_uncertain_corner() {
 fn tank_floor_gives_a_less_accurate_calibration() {
     let place = Place::new();
     swept(&place, "tank-floor");
-    place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --report plane.json --report plane.html");
+    place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --json=plane.json --report plane.html");
     looks_like_a_page(&place, "plane.html", "a plane at rest", 796);
     let [middle, corner] = off(&place, "plane.toml");
     assert!(middle < 0.5 && corner < 0.7, "{middle} {corner}");

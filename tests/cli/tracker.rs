@@ -50,7 +50,7 @@ fn carried() -> String {
 fn static_sensor_noise_is_reported_and_moving_refused() {
     let place = Place::new();
     place.put("lying.igs.mha", lying(0.0));
-    let said = place.does("calibrate tracker --sequence lying.igs.mha --report noise.json");
+    let said = place.does("calibrate tracker --sequence lying.igs.mha --json=noise.json");
     let report = place.json("noise.json");
     let rms = report["position_rms_mm"].as_f64().unwrap();
     // Uniform over ±1.7·0.05 mm along three axes.
@@ -59,7 +59,7 @@ fn static_sensor_noise_is_reported_and_moving_refused() {
     assert!(said.contains("refused: 1 pose_invalid") && said.contains("report: noise.json"), "{said}");
     place.put("moved.igs.mha", lying(30.0));
     place.refuses(
-        "calibrate tracker --sequence moved.igs.mha --report moved.json",
+        "calibrate tracker --sequence moved.igs.mha --json=moved.json",
         &["moved.igs.mha: the sensor has moved", "lay it down"],
     );
     place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["holds no frame Stylus"]);
@@ -76,7 +76,7 @@ fn room_map_names_zones_with_metal() {
     place.put("carried.igs.mha", carried());
     place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
     let said =
-        place.does("calibrate tracker --sequence carried.igs.mha --other Reference -o cal.toml --report room.json");
+        place.does("calibrate tracker --sequence carried.igs.mha --other Reference -o cal.toml --json=room.json");
     let report = place.json("room.json");
     assert!((report["distance_mm"].as_f64().unwrap() - 100.0).abs() < 0.01, "{report}");
     let cells = report["cells"].as_array().unwrap();
@@ -99,7 +99,7 @@ fn room_map_names_zones_with_metal() {
     let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --limit 5");
     assert!(said.contains("are within 5 mm"), "{said}");
     // Larger cells are fewer, and begin at multiples of their edge.
-    place.does("calibrate tracker --sequence carried.igs.mha --other Reference --cell 100 --report large.json");
+    place.does("calibrate tracker --sequence carried.igs.mha --other Reference --cell 100 --json=large.json");
     let large = place.json("large.json");
     let large_cells = large["cells"].as_array().unwrap();
     assert!(large["cell_mm"] == 100.0 && !large_cells.is_empty() && large_cells.len() < cells.len(), "{large}");
@@ -134,7 +134,7 @@ fn session_and_replay_count_frames_in_zones() {
     );
     let run = place.run("live --config bedside.toml --check");
     assert!(run.stdout.contains("8 cells of 10000 mm where the tracker errs by more than 1 mm"), "{}", run.stdout);
-    let run = place.run("live --config bedside.toml --duration 3 --record sessions --stats live.json --headless");
+    let run = place.run("live --config bedside.toml --duration 3 --record sessions --json=live.json --headless");
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
     let live = place.json("live.json");
     let frames = live["distortion"]["frames"].as_u64().unwrap();
@@ -147,7 +147,7 @@ fn session_and_replay_count_frames_in_zones() {
         run.stdout
     );
     let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
-    let run = place.run(&format!("replay {} --speed max --stats again.json", entry.path().display()));
+    let run = place.run(&format!("replay {} --speed max --json=again.json", entry.path().display()));
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
     assert_eq!(place.json("again.json")["distortion"]["frames"], frames);
 }

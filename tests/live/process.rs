@@ -90,7 +90,7 @@ fn killed_recording_keeps_all_but_the_last_second() {
     let name = file.to_str().unwrap();
     let report = json(&folder, &["inspect", name, "--json"]);
     assert_eq!(report["finished"], false, "{report}");
-    json(&folder, &["inspect", name, "--repair", "whole.mcap", "--json"]);
+    json(&folder, &["repair", name, "-o", "whole.mcap", "--json"]);
     let report = json(&folder, &["inspect", "whole.mcap", "--json"]);
     assert_eq!(report["finished"], true, "{report}");
     let whole = read(&fs::read(folder.path().join("whole.mcap")).unwrap());
@@ -105,14 +105,14 @@ fn second_process_on_tracker_is_refused_with_the_owner() {
     let line = Pty::run(twin).unwrap();
     let port = format!("port = \"{}\"", line.path().display());
     bedside(&folder, &SMALL.replace("port = \"virtual\"\nreference_station = 2", &port));
-    let words = |stats: &'static str| ["live", "--config", "bedside.toml", "--stats", stats];
-    let mut first = program(&folder, &words("first.json"));
+    let words = |json: &'static str| ["live", "--config", "bedside.toml", json];
+    let mut first = program(&folder, &words("--json=first.json"));
     // Once it uses frames, it has the line.
     let mut log = BufReader::new(first.stderr.take().unwrap()).lines().map_while(Result::ok);
     let uses = |line: &String| line.contains(" slices of ") && !line.starts_with("sonoweave: 0 slices");
     log.by_ref().find(uses).unwrap();
     let process = first.id();
-    let for_a_while = [&words("second.json")[..], &["--duration", "5"]].concat();
+    let for_a_while = [&words("--json=second.json")[..], &["--duration", "5"]].concat();
     let (status, second_log) = ended(program(&folder, &for_a_while));
     assert!(status.success(), "{second_log}");
     Command::new("sh").args(["-c", &format!("kill -TERM {process}")]).status().unwrap();
@@ -135,7 +135,7 @@ fn unwritable_folder_is_refused_at_start() {
     fs::write(folder.path().join("file"), "no folder").unwrap();
     bedside(&folder, SMALL);
     let refused = |config: &str, record: &str| {
-        let words = ["live", "--config", config, "--record", record, "--duration", "60", "--stats", "stats.json"];
+        let words = ["live", "--config", config, "--record", record, "--duration", "60", "--json=stats.json"];
         let begun = Instant::now();
         let (status, log) = ended(program(&folder, &words));
         assert_eq!(status.code(), Some(1), "{log}");

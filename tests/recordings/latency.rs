@@ -89,8 +89,7 @@ fn lag(folder: &Path) -> Result<(), Failed> {
         .arg(folder.join(TRACKER))
         .arg("-o")
         .arg(&calibration)
-        .arg("--report")
-        .arg(&report)
+        .arg(format!("--json={}", report.display()))
         .output()?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     println!("{}", String::from_utf8_lossy(&output.stdout));

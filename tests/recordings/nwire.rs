@@ -146,7 +146,7 @@ fn calibrate(folder: &Path) -> Result<(Value, ImagePlane), Failed> {
     let done = run(
         &folder.join(CONFIG),
         &folder.join(CALIBRATION),
-        &["--validate", &validation, "-o", &output, "--report", &json],
+        &["--validate", &validation, "-o", &output, &format!("--json={json}")],
     )?;
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     println!("{}", String::from_utf8_lossy(&done.stdout));

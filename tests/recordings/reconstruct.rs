@@ -59,7 +59,7 @@ impl Reconstructed {
         let [sequence, config] =
             [sequence, config].map(|f| folder.join(f).canonicalize().unwrap().display().to_string());
         let mut arguments = vec!["reconstruct", &sequence, "--config", &config];
-        arguments.extend(["-o", "v.mha", "--weights", "w.mha", "--stats", "s.json"]);
+        arguments.extend(["-o", "v.mha", "--weights", "w.mha", "--json=s.json"]);
         arguments.extend(flags);
         let (code, _, stderr) = sonoweave(&place, &arguments);
         assert_eq!(code, Some(0), "{stderr}");

@@ -73,8 +73,8 @@ impl<'p> Session<'p> {
     fn begin(place: &'p Path, seconds: u64) -> Self {
         std::fs::write(place.join("bedside.toml"), BEDSIDE).unwrap();
         let words = format!(
-            "live --config bedside.toml --duration {seconds} --record sessions --volume v.mha --weights w.mha \
-             --picture p.png --stats stats.json --console 127.0.0.1:0 --headless"
+            "live --config bedside.toml --duration {seconds} --record sessions -o v.mha --weights w.mha \
+             --picture p.png --json=stats.json --console 127.0.0.1:0 --headless"
         );
         let log = std::fs::File::create(place.join("log")).unwrap();
         let child = program(place, &words).stderr(log).spawn().unwrap();

@@ -279,7 +279,7 @@ fn parked(sheet: &mut Sheet) {
     let run = |name: &str, sequence: &Sequence| -> Value {
         place.put("s.mha", sequence.bytes());
         let words = format!(
-            "replay s.mha --clip none --picture {name}.png --image-size 40x30 --transfer xray --stats s.json --threads 1"
+            "animate s.mha --clip none --picture {name}.png --image-size 40x30 --transfer xray --json=s.json --threads 1"
         );
         let run = place.run(&words);
         assert_eq!(run.code, 0, "{}", run.stderr);

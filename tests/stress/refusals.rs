@@ -68,7 +68,7 @@ fn in_a_sequence(sheet: &mut Sheet) {
         let matrix = "0.5 0 0 0 0 0.5 0 0 0 0 1 0 0 0 0 1";
         let mut command = crate::program();
         command.args(["reconstruct", "s.mha", "--clip", "none", "--type", "f32", "--image-to-probe", matrix]);
-        command.args(["-o", &format!("{name}.mha"), "--weights", &format!("{name}-w.mha"), "--stats", "s.json"]);
+        command.args(["-o", &format!("{name}.mha"), "--weights", &format!("{name}-w.mha"), "--json=s.json"]);
         let run = place.output(&mut command);
         assert_eq!(run.code, 0, "{}", run.stderr);
         let [values, weights] = [format!("{name}.mha"), format!("{name}-w.mha")].map(|n| place.volume(&n).values);

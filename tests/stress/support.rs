@@ -109,7 +109,7 @@ fn warned(sheet: &mut Sheet) {
     let place = Place::new();
     place.put("s.mha", Sequence { pose: |frame| pose(0.5 * f64::from(frame)), ..Sequence::default() }.bytes());
     for (sigma, expected) in [("0.5,0.5,0.1", true), ("0.3,0.5,1", true), ("0.5,0.5,0.5", false), ("auto", false)] {
-        let run = place.run(&format!("reconstruct s.mha -o v.mha --clip none --sigma {sigma} --stats s.json"));
+        let run = place.run(&format!("reconstruct s.mha -o v.mha --clip none --sigma {sigma} --json=s.json"));
         assert_eq!(run.code, 0, "{}", run.stderr);
         let notes = place.json("s.json")["notes"].to_string();
         let said = run.stderr.contains("0.75 voxel") && notes.contains("0.75 voxel");

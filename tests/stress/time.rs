@@ -98,7 +98,7 @@ fn sequences(sheet: &mut Sheet) {
     let place = Place::new();
     let run = |bytes: Vec<u8>| {
         place.put("s.mha", bytes);
-        let run = place.run("reconstruct s.mha --path general --clip none -o v.mha --weights w.mha --stats s.json");
+        let run = place.run("reconstruct s.mha --path general --clip none -o v.mha --weights w.mha --json=s.json");
         let volume = (run.code == 0).then(|| (place.volume("v.mha").values, place.volume("w.mha").values));
         (run.code, run.stderr, volume, place.json("s.json")["frames"].clone())
     };

@@ -12,7 +12,7 @@
 //! | `GET /v1/account`, `/v1/about` | the status that pages receive |
 //! | `GET /v1/pictures/slice.png`, `view.png` | the newest picture |
 //! | `GET /v1/openapi.json` | this interface in OpenAPI's format |
-//! | `GET /status` | the full status as JSON: the file that `--stats` writes at the end |
+//! | `GET /status` | the full status as JSON: the document that `--json` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text format |
 //! | `POST /v1/login` | exchanges a token for a cookie, if a token is configured, see `access` |
 //! | `GET /healthz` | 200 while the session progresses; else 503 and the stalled stages |

@@ -1,4 +1,4 @@
-//! Numbers of a run: the content of `--stats`, and of a session's status while it runs.
+//! Numbers of a run: the content of `--json`, and of a session's status while it runs.
 
 mod live;
 mod picture;
@@ -273,14 +273,11 @@ impl Statistics {
         }
     }
 
-    /// Writes the numbers as JSON, with the input, the effective settings, and the numbers of a
-    /// rendered picture. Writes the whole file or none.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn write(&self, path: &Path, source: &Source, picture: Option<&impl Serialize>) -> Result<(), std::io::Error> {
+    /// Returns the report of a reconstruction: the numbers with the input, the effective
+    /// settings, and the numbers of a rendered picture.
+    pub fn report<'a>(&'a self, source: &'a Source<'_>, picture: Option<&'a impl Serialize>) -> impl Serialize + 'a {
         #[derive(Serialize)]
-        struct File<'a, P: Serialize> {
+        struct Report<'a, P: Serialize> {
             version: &'static str,
             input: &'a Path,
             input_sha256: &'a str,
@@ -292,7 +289,7 @@ impl Statistics {
             #[serde(flatten)]
             picture: Option<&'a P>,
         }
-        let file = File {
+        Report {
             version: env!("CARGO_PKG_VERSION"),
             input: source.input,
             input_sha256: source.sha256,
@@ -301,8 +298,7 @@ impl Statistics {
             mask: source.mask,
             config: source.config,
             picture,
-        };
-        write_json(path, &file)
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Numbers of a session: the content of `live --stats` at its end, and of `GET /status` while it
+//! Numbers of a session: the content of `live --json` at its end, and of `GET /status` while it
 //! runs.
 
 use std::time::Duration;

@@ -102,7 +102,7 @@ impl Options {
         let config = self.config.as_ref().filter(|path| !outputs.is_output(path));
         let recordings = [&self.video, &self.tracker, &self.sequence, &self.session, &self.live].into_iter().flatten();
         let inputs: Vec<&Path> = recordings.chain(config).map(PathBuf::as_path).collect();
-        outputs.check(&inputs, false)
+        outputs.check(&inputs)
     }
 
     fn source(&self, made: Option<&Path>) -> Result<Source, Failure> {

@@ -15,7 +15,6 @@ use formats::whole::write_whole;
 use sonoweave_core::date::Date;
 use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::named::StaticTransform;
-use statistics::write_json;
 
 use crate::app::input;
 use crate::failure::Failure;
@@ -69,22 +68,30 @@ impl Outputs {
         self.output.as_deref() == Some(path)
     }
 
+    /// Returns the paths of all files.
+    fn paths(&self) -> impl Iterator<Item = &Path> {
+        [self.output.as_deref(), self.json.file(), self.page.as_deref()].into_iter().flatten()
+    }
+
     /// Checks before the work that the outputs can be written, are no inputs, and are distinct
-    /// files. Not every calibration has a page.
-    pub(crate) fn check(&self, inputs: &[&Path], has_page: bool) -> Result<(), Failure> {
-        for output in self.output.iter().chain(&self.report) {
+    /// files.
+    pub(crate) fn check(&self, inputs: &[&Path]) -> Result<(), Failure> {
+        for output in self.paths() {
             input::check_output(output)?;
             for path in inputs {
                 input::check_is_not(output, path)?;
             }
         }
-        let mut names: Vec<&PathBuf> = self.output.iter().chain(&self.report).collect();
+        let mut names: Vec<&Path> = self.paths().collect();
         names.sort_unstable();
         if names.windows(2).any(|two| two[0] == two[1]) {
-            return Err(Failure("--output and --report name the same file; give different names".into()));
+            return Err(Failure("two outputs have the same file; give different names".into()));
         }
-        if let Some(page) = self.report.iter().find(|path| is_page(path) && !has_page) {
-            fail!("{}: there is no page for this report; give a name that ends in .json", page.display());
+        if let Some(page) = self.page.as_ref().filter(|path| !is_page(path)) {
+            fail!(
+                "--report {}: is no page; give a name that ends in .html, and --json=FILE for programs",
+                page.display()
+            );
         }
         self.before()?;
         Ok(())
@@ -148,7 +155,7 @@ impl Outputs {
 
     /// Whether a report was requested besides the text.
     pub(crate) fn wants_report(&self) -> bool {
-        !self.report.is_empty()
+        self.json.is_wanted() || self.page.is_some()
     }
 
     /// Writes the requested files: the changed calibration file, and the report, without a page.
@@ -167,27 +174,23 @@ impl Outputs {
         page: impl FnOnce() -> Result<String, Failure>,
     ) -> Result<(), Failure> {
         // Everything that can fail comes before the first write.
-        let page = if self.report.iter().any(|path| is_page(path)) { page()? } else { String::new() };
+        let page = self.page.as_ref().map(|path| Ok::<_, Failure>((path, page()?))).transpose()?;
         if let Some(path) = &self.output {
             let mut file = self.before()?;
             change(&mut file);
             file.write(path)?;
         }
-        for path in &self.report {
-            let written = if is_page(path) {
-                write_whole(path, |to| to.write_all(page.as_bytes()))
-            } else {
-                write_json(path, report)
-            };
-            written.map_err(|e| Failure::io(path, "writing", &e))?;
+        if let Some((path, page)) = page {
+            write_whole(path, |to| to.write_all(page.as_bytes())).map_err(|e| Failure::io(path, "writing", &e))?;
         }
-        Ok(())
+        self.json.write(report)
     }
 
     /// Returns the written files with their kinds.
     pub(crate) fn written(&self) -> impl Iterator<Item = (&'static str, &Path)> {
-        let calibration = self.output.iter().map(|path| ("calibration", path.as_path()));
-        calibration.chain(self.report.iter().map(|path| ("report", path.as_path())))
+        let kinds =
+            [("calibration", self.output.as_deref()), ("report", self.json.file()), ("report", self.page.as_deref())];
+        kinds.into_iter().filter_map(|(kind, path)| Some((kind, path?)))
     }
 
     /// Returns the lines that list the written files.

@@ -436,7 +436,13 @@ impl Report {
 
     /// Returns the failed checks in one sentence.
     pub(crate) fn verdict(&self) -> Option<String> {
-        let wrong: Vec<&str> = self.checks.iter().filter(|checked| !checked.well).map(|checked| checked.what).collect();
+        self.verdict_but("")
+    }
+
+    /// Returns the same, without the problems of one item.
+    pub(crate) fn verdict_but(&self, item: &str) -> Option<String> {
+        let wrong = self.checks.iter().filter(|checked| !checked.well && checked.what != item);
+        let wrong: Vec<&str> = wrong.map(|checked| checked.what).collect();
         (!wrong.is_empty()).then(|| format!("{}: not well: {}", self.config.display(), wrong.join(", ")))
     }
 }

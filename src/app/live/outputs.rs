@@ -9,11 +9,12 @@ use export::fill::Filling;
 use export::volume::{DenseBox, Encoding, write_values, write_weights};
 use pipeline::Outcome;
 use pipeline::session::{REPLAYED, ResultDigest, SessionStatus};
-use statistics::{LiveStatistics, write_json};
+use statistics::LiveStatistics;
 use volume::Voxels;
 
 use super::ended::Ended;
 use crate::app::input;
+use crate::app::json::JsonFlag;
 use crate::app::provenance::Made;
 use crate::app::reconstruct::filling;
 use crate::failure::{Failure, with_remedy};
@@ -30,7 +31,7 @@ pub(crate) struct Outputs {
     /// The last picture.
     pub(crate) picture: Option<PathBuf>,
     /// Frame outcomes, device states and timings, as JSON.
-    pub(crate) stats: Option<PathBuf>,
+    pub(crate) json: JsonFlag,
 }
 
 impl Outputs {
@@ -52,11 +53,9 @@ impl Outputs {
             input::check_png(path)?;
             input::check_output(path)?;
         }
-        if let Some(path) = &self.stats {
-            input::check_output(path)?;
-        }
-        Ok(())
+        self.json.check([])
     }
+
     /// Writes the volume and its weights, as far as requested; `print` takes a line for each, and
     /// `say` the reason why there is none. `input` names the recording or the devices.
     ///
@@ -103,20 +102,19 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes the statistics, if requested.
+    /// Writes the report, if requested.
     ///
     /// # Errors
     /// [`Failure`]: the file does not exist then.
-    pub(crate) fn write_statistics(&self, ended: &Ended<'_>) -> Result<(), Failure> {
+    pub(crate) fn write_report(&self, ended: &Ended<'_>) -> Result<(), Failure> {
         let Ended { bedside, finished, wall, differences, .. } = ended;
-        let Some(path) = &self.stats else { return Ok(()) };
         let numbers = Numbers {
             statistics: LiveStatistics::new(&finished.status, *wall, &bedside.effective),
             differences: differences.map(|differences| differences.count),
             first_difference: differences.and_then(|differences| differences.first.as_deref()),
             digest: finished.digest.as_ref(),
         };
-        Ok(write_json(path, &numbers)?)
+        self.json.write(&numbers)
     }
 }
 

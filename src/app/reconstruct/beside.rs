@@ -11,17 +11,17 @@ pub(crate) struct Beside {
     pub(crate) weights: Option<PathBuf>,
     /// A picture of the three middle planes; filled voxels are tinted.
     pub(crate) planes: Option<PathBuf>,
-    /// The statistics, as JSON.
-    pub(crate) stats: Option<PathBuf>,
+    /// The report, as JSON.
+    pub(crate) json: Option<PathBuf>,
 }
 
 /// Suffixes of a recording's files in such folders.
-const ENDS: [&str; 3] = ["weights.mha", "planes.png", "stats.json"];
+const ENDS: [&str; 3] = ["weights.mha", "planes.png", "json"];
 
 impl Beside {
     /// Returns each given path.
     pub(super) fn all(&self) -> impl Iterator<Item = &Path> {
-        [&self.weights, &self.planes, &self.stats].into_iter().flatten().map(PathBuf::as_path)
+        [&self.weights, &self.planes, &self.json].into_iter().flatten().map(PathBuf::as_path)
     }
 
     /// Checks, for several recordings, that the given paths are folders, in which each recording
@@ -30,11 +30,11 @@ impl Beside {
     /// # Errors
     /// [`Failure`] with the first that is no folder.
     pub(super) fn check_folders(&self) -> Result<(), Failure> {
-        let given = [("--weights", &self.weights), ("--planes", &self.planes), ("--stats", &self.stats)];
+        let given = [("--weights ", &self.weights), ("--planes ", &self.planes), ("--json=", &self.json)];
         for ((flag, path), end) in given.into_iter().zip(ENDS) {
             if let Some(path) = path.as_deref().filter(|path| !path.is_dir()) {
                 fail!(
-                    "{flag} {}: is not a folder, but several recordings need one for their files (NAME.{end}); make \
+                    "{flag}{}: is not a folder, but several recordings need one for their files (NAME.{end}); make \
                     the folder, or give that of -o",
                     path.display()
                 );
@@ -47,11 +47,7 @@ impl Beside {
     pub(super) fn of(&self, name: &str) -> Self {
         let file =
             |folder: &Option<PathBuf>, end: &str| folder.as_ref().map(|folder| folder.join(format!("{name}.{end}")));
-        let [weights, planes, stats] = ENDS;
-        Self {
-            weights: file(&self.weights, weights),
-            planes: file(&self.planes, planes),
-            stats: file(&self.stats, stats),
-        }
+        let [weights, planes, json] = ENDS;
+        Self { weights: file(&self.weights, weights), planes: file(&self.planes, planes), json: file(&self.json, json) }
     }
 }

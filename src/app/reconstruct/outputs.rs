@@ -21,6 +21,7 @@ use super::beside::Beside;
 use super::filling::{self, advised};
 use super::sweep::Sweep;
 use crate::app::input;
+use crate::app::json::document;
 use crate::app::provenance::Made;
 use crate::failure::Failure;
 
@@ -59,7 +60,7 @@ impl OutputOptions {
     fn check(&self, sequence: &Path) -> Result<(), Failure> {
         let (volume, beside) = (self.volume.as_deref(), &self.beside);
         let volumes = [volume, beside.weights.as_deref()];
-        let others = [beside.planes.as_deref(), beside.stats.as_deref()];
+        let others = [beside.planes.as_deref(), beside.json.as_deref()];
         for path in volumes.into_iter().chain(others).flatten() {
             input::check_folder(path)?;
             input::check_is_not(path, sequence)?;
@@ -155,6 +156,8 @@ pub(crate) struct Request<'a> {
 pub(crate) struct Reconstructed {
     pub(crate) outcome: Outcome,
     pub(crate) statistics: Statistics,
+    /// The report, as a JSON document.
+    pub(crate) document: String,
     /// Description of the filling, if there was one.
     pub(crate) filled: Option<String>,
 }
@@ -184,7 +187,7 @@ impl<'a> Request<'a> {
         &self.options
     }
 
-    /// Writes the requested files, and returns the statistics; `picture` holds the statistics of
+    /// Writes the requested files but the report, and returns the latter; `picture` holds the statistics of
     /// a simultaneous rendering.
     ///
     /// # Errors
@@ -224,18 +227,11 @@ impl<'a> Request<'a> {
         let scalar = encoding.map(|e| e.scalar.name());
         let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
         statistics.fill = filled.as_ref().map(FillNumbers::of);
-        if let Some(path) = &beside.stats {
-            let source = Source {
-                input: self.sequence,
-                sha256: &hash,
-                frames: self.frames,
-                mask: &self.mask,
-                config: &self.config,
-            };
-            statistics.write(path, &source, picture)?;
-        }
+        let source =
+            Source { input: self.sequence, sha256: &hash, frames: self.frames, mask: &self.mask, config: &self.config };
+        let document = document(&statistics.report(&source, picture))?;
         let filled = filled.as_ref().map(filling::sentence);
-        Ok(Reconstructed { outcome, statistics, filled })
+        Ok(Reconstructed { outcome, statistics, document, filled })
     }
 
     /// Writes the volume for a picture archive.

@@ -7,14 +7,14 @@ use serde::Serialize;
 use export::picture::write_rgb;
 use render::section::{Box3, Planar, PlanarWork};
 use render::settings::pool;
-use statistics::write_json;
 use volume::DenseVolume;
 
 use super::planar::SheetNumbers;
 use super::request::{Contents, Rendered, Request, Source, milliseconds};
+use crate::app::json::document;
 use crate::failure::Failure;
 
-/// The content of `--stats`.
+/// The report, in its JSON form.
 #[derive(Debug, Serialize)]
 struct Statistics<'a> {
     #[serde(flatten)]
@@ -64,20 +64,18 @@ pub(super) fn run(
     let wall_s = began.elapsed().as_secs_f64();
     let picture = look.planar.numbers(&sheet, &sampled);
     let text = picture.to_string();
-    if let Some(path) = request.stats {
-        let statistics = Statistics {
-            source: Source::new(request, volume),
-            mode: look.view.mode.name(),
-            window,
-            threads,
-            read_ms,
-            sample_ms,
-            wall_s,
-            picture,
-            work,
-            notes: &notes,
-        };
-        write_json(path, &statistics)?;
-    }
-    Ok(Rendered { contents: Contents::Planes(text), wall_s, notes })
+    let statistics = Statistics {
+        source: Source::new(request, volume),
+        mode: look.view.mode.name(),
+        window,
+        threads,
+        read_ms,
+        sample_ms,
+        wall_s,
+        picture,
+        work,
+        notes: &notes,
+    };
+    let document = document(&statistics)?;
+    Ok(Rendered { contents: Contents::Planes(text), document, wall_s, notes })
 }

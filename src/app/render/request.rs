@@ -10,7 +10,7 @@ use volume::DenseVolume;
 
 use super::look::Look;
 
-/// The first part of `--stats`: the rendered volume.
+/// The first part of the report: the rendered volume.
 #[derive(Debug, Serialize)]
 pub(super) struct Source<'a> {
     version: &'static str,
@@ -45,14 +45,14 @@ pub(crate) struct Request<'a> {
     pub(crate) threads: usize,
     /// Memory limit for the volume, bytes.
     pub(crate) memory_bytes: u64,
-    /// File of the statistics.
-    pub(crate) stats: Option<&'a Path>,
     pub(crate) look: &'a Look,
 }
 
 /// The finished pictures.
 pub(crate) struct Rendered {
     pub(crate) contents: Contents,
+    /// The report, as a JSON document.
+    pub(crate) document: String,
     /// Time from the beginning to the last picture, s.
     pub(crate) wall_s: f64,
     pub(crate) notes: Vec<String>,

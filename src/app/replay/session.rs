@@ -45,9 +45,10 @@ impl ReplayRequest<'_> {
     /// [`Failure`] when it cannot be read, or a requested output cannot be written.
     pub(crate) fn open(&self) -> Result<(Chain, Bedside), Failure> {
         let Self { session, config, outputs, .. } = self;
-        for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
+        for output in [&outputs.volume, &outputs.weights, &outputs.picture].into_iter().flatten() {
             input::check_is_not(output, session)?;
         }
+        outputs.json.check([*session])?;
         let mut chain = Chain::read(session)?;
         let (_, decisions) = chain.last();
         let bedside = match config {

@@ -17,7 +17,7 @@ use report::{CheckReport, FitReport, Results};
 
 /// Flags of `calibrate arm`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("from_arm").required(true).args(["session", "live"])), after_help = "\
+#[command(group(ArgGroup::new("from_arm").required(true).args(["session", "live"])), after_long_help = "\
 Record a session with the arm (--live, or `live --record`), and set its tip down for two seconds each time. Every \
 moment at which the joints rest counts as a touch.
 --plate: touch the divots of a plate in any position, in the file's order, for several rounds; bend the arm \
@@ -32,7 +32,7 @@ that were no touches.
 only if the arm still agrees with its calibration.
 
 Examples: sonoweave calibrate arm --live bedside.toml --plate plate.toml -o arm-probe.toml
-          sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --report arm.json
+          sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --json=arm.json
           sonoweave calibrate arm --session SESSION.mcap --plate plate.toml --check")]
 pub struct Arguments {
     #[command(flatten)]
@@ -48,7 +48,7 @@ pub struct Arguments {
 /// fit.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
-    outputs.check(&options.inputs(), false)?;
+    outputs.check(&options.inputs())?;
     let touching = options.touching(&mut AdviceDisplay::default())?;
     if options.check { hold(&touching, arguments) } else { find(&touching, arguments) }
 }

@@ -15,7 +15,7 @@ use crate::cli::print::print;
 
 /// Flags of `calibrate drawing`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 The drawing has the scale 1:1; print it at 100 % and measure its ruler. Drilled holes match the calibration, because \
 both use the same numbers.
 

@@ -20,7 +20,7 @@ use crate::cli::print::print;
 
 /// Flags of `calibrate landmarks`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Touch the phantom's landmarks with the stylus in any order, each for two seconds or more; you can swing the stylus \
 meanwhile. Touch symmetric landmarks in the file's order. The result is the transform PhantomToReference.
 
@@ -112,7 +112,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
     let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
     // The tip's file may be the output file: its other contents are kept.
-    outputs.check(&[recording.path(), phantom], false)?;
+    outputs.check(&[recording.path(), phantom])?;
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
     let landmarks = settings.geometry.landmarks();

@@ -17,7 +17,7 @@ use report::Report;
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("from").required(true).args(["video", "sequence", "session", "live"])),
-    after_help = "\
+    after_long_help = "\
 --method line: hold the probe above the floor of a water tank, and move it up and down, unevenly, for 10 to 20 s. \
 The command compares the floor's line in the frames with the tracker's motion. --method crossings: scan any object \
 at rest twice, in crossing directions. The command compares slices where they cross; this check needs no phantom.
@@ -28,7 +28,7 @@ into the calibration file. A session uses them unless its configuration has late
 Examples:
   sonoweave calibrate latency --live bedside.toml -o probe.toml
   sonoweave calibrate latency --session SESSION-20261121-213000.mcap -o probe.toml
-  sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --report latency.json"
+  sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --json=latency.json"
 )]
 pub struct Arguments {
     #[command(flatten)]

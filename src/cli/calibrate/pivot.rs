@@ -17,13 +17,13 @@ use crate::cli::print::print;
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Put the tip into a small hole and begin to record. Keep the tip in place, and swing the stylus by 30° or more to all \
 sides for half a minute. The result is the transform StylusTipToStylus: the tip's position in the frame of the \
 stylus's sensor, with z along the shaft away from the sensor.
 
 Examples: sonoweave calibrate pivot --live bedside.toml -o calibration.toml
-          sonoweave calibrate pivot --sequence swing.igs.mha -o calibration.toml --report pivot.json")]
+          sonoweave calibrate pivot --sequence swing.igs.mha -o calibration.toml --json=pivot.json")]
 pub struct Arguments {
     #[command(flatten)]
     recording: Recording,
@@ -78,7 +78,7 @@ struct Turned {
 /// [`Failure`] when the recording does not determine the tip; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { recording, limit, goal, outputs } = arguments;
-    outputs.check(&[recording.path()], false)?;
+    outputs.check(&[recording.path()])?;
     let swings = Swings { limit_mm: *limit, goal_mm: *goal };
     let Found { recording, read, pivot } = swings.find(recording, &mut AdviceDisplay::default())?;
     let recording = recording.as_ref();

@@ -7,7 +7,7 @@ mod report;
 mod shared;
 mod target;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args};
 
@@ -24,7 +24,7 @@ use shared::{Inputs, write};
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("from").required(true).args(["sequence", "session", "live"])),
-    after_help = "\
+    after_long_help = "\
 The result is the transform ImageToProbe, and the lag of the tracker's poses behind the frames. A second scan \
 validates the result; without one, the last third of the first scan does. Move slowly, for half a minute.
 
@@ -44,7 +44,7 @@ Examples: sonoweave calibrate probe --phantom phantom.toml --live bedside.toml -
 calibration.toml --report probe.html
           sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o \
 calibration.toml
-          sonoweave calibrate probe --method point --sequence crossing.igs.mha -o calibration.toml --report probe.json
+          sonoweave calibrate probe --method point --sequence crossing.igs.mha -o calibration.toml --json=probe.json
           sonoweave calibrate probe --method stylus --stylus-tip calibration.toml --sequence tip.igs.mha -o \
 calibration.toml"
 )]
@@ -53,6 +53,9 @@ pub struct Arguments {
     options: Options,
     #[command(flatten)]
     outputs: Outputs,
+    /// Write the report as a page for a browser (.html)
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -60,12 +63,15 @@ pub struct Arguments {
 /// # Errors
 /// [`Failure`] when the recording does not determine the image plane; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { options, outputs } = arguments;
+    let Arguments { options, report, outputs } = arguments;
+    let mut outputs = outputs.clone();
+    outputs.page.clone_from(report);
+    let outputs = &outputs;
     let file = options.checked()?;
     // The files of the tip and of the registration may be the output file, whose other contents
     // are kept.
     let inputs = [Some(options.path()), options.phantom.as_deref(), options.validate.as_deref()];
-    outputs.check(&inputs.into_iter().flatten().collect::<Vec<_>>(), true)?;
+    outputs.check(&inputs.into_iter().flatten().collect::<Vec<_>>())?;
     match file {
         MethodFile::Phantom(phantom) => by_wires(options, outputs, phantom),
         MethodFile::Target(tip) => target::run(options, outputs, tip),

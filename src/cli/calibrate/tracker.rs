@@ -25,7 +25,7 @@ const MOST_PRINTED: usize = 8;
 
 /// Flags of `calibrate tracker`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Noise: lay a sensor down, let go of it, and record for ten seconds. With -o the noise goes into the calibration file, \
 and counts in the error of measurements.
 A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through the \
@@ -35,7 +35,7 @@ metal. With -o these zones go into the calibration file, and `live` warns when t
 Examples: sonoweave calibrate tracker --live bedside.toml -o calibration.toml
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml \
---report room.json")]
+--json=room.json")]
 pub struct Arguments {
     #[command(flatten)]
     options: Options,
@@ -96,7 +96,7 @@ struct CellReport {
 /// [`Failure`] when the recording does not determine the result.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { options, outputs } = arguments;
-    outputs.check(&[options.recording(&options.tracker).path()], false)?;
+    outputs.check(&[options.recording(&options.tracker).path()])?;
     let Found { path, counts, result } = options.find(&mut AdviceDisplay::default())?;
     match result {
         Measured::Noise(noise) => arguments.noise(&path, &counts, &noise),

@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::app::json::JsonFlag;
+
 /// Flags of `compare`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 Only voxels that are seen in both volumes count. A voxel is seen by its weight, if weights are given; else by the \
 header's unseen value; else always. Filled holes count as unseen.
 
@@ -40,9 +42,8 @@ pub struct Arguments {
     /// Fail, with exit code 1, if the root mean square of the difference is larger
     #[arg(long, value_name = "RMSE", allow_hyphen_values = true)]
     pub(super) limit: Option<f64>,
-    /// Write JSON, for programs
-    #[arg(long)]
-    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) json: JsonFlag,
     /// Memory limit for the volumes and their difference, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     pub(super) max_memory: f64,

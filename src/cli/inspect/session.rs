@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use formats::Limits;
-use formats::session::{About, Damage, Ending, Event, Maker, Message, RecordedDevice, SessionReader, repair};
+use formats::session::{About, Damage, Ending, Event, Maker, Message, RecordedDevice, SessionReader};
 use sonoweave_core::Reading;
 
 use super::super::Failure;
@@ -20,7 +20,7 @@ const SHOWN_CHARACTERS: usize = 2000;
 
 /// A session's content.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct SessionReport {
+pub(in crate::cli) struct SessionReport {
     path: PathBuf,
     bytes: u64,
     /// The program that wrote it.
@@ -43,8 +43,6 @@ pub(super) struct SessionReport {
     shown: BTreeMap<String, String>,
     losses: Vec<LossReport>,
     damage: Vec<DamageReport>,
-    /// The repaired session that was written from it.
-    repaired: Option<Repaired>,
 }
 
 #[derive(Debug, Serialize)]
@@ -120,19 +118,13 @@ impl From<&Damage> for DamageReport {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Repaired {
-    path: PathBuf,
-    messages: u64,
-}
-
 fn seconds(ns: i64) -> f64 {
     ns as f64 * 1e-9
 }
 
 impl SessionReport {
-    /// Reads a session to its end, and writes a repaired copy if requested.
-    pub(super) fn read(path: &Path, repair_to: Option<&Path>) -> Result<Self, Failure> {
+    /// Reads a session to its end.
+    pub(in crate::cli) fn read(path: &Path) -> Result<Self, Failure> {
         let limits = Limits::default();
         let mut reader = SessionReader::open(path, &limits)?;
         let mut maker = Maker::new(false, limits.frame_bytes);
@@ -196,10 +188,6 @@ impl SessionReport {
                 messages: loss.messages(),
             })
             .collect();
-        if let Some(to) = repair_to {
-            let messages = repair(path, to, &limits)?.messages;
-            report.repaired = Some(Repaired { path: to.to_owned(), messages });
-        }
         Ok(report)
     }
 
@@ -228,7 +216,7 @@ impl SessionReport {
         }
     }
 
-    pub(super) fn write(&self, text: &mut Text) {
+    pub(in crate::cli) fn write(&self, text: &mut Text) {
         text.heading(&format!("{}: session", self.path.display()));
         if self.began.is_empty() {
             text.row("began", "not known, as its beginning is lost");
@@ -260,10 +248,6 @@ impl SessionReport {
                 None => (note.as_str(), ""),
             };
             text.row("", format!("{head}{more}"));
-        }
-        if let Some(repaired) = &self.repaired {
-            text.heading("repaired");
-            text.row("written", format!("{}: {}", repaired.path.display(), count(repaired.messages, "message")));
         }
     }
 
@@ -305,8 +289,8 @@ impl SessionReport {
             "damage",
             self.damage.iter().map(|part| format!("bytes {} to {}: {}", part.from_byte, part.until_byte, part.what)),
         );
-        if self.repaired.is_none() && (!self.finished || self.damage.iter().any(|part| part.is_loss)) {
-            text.row("", "`--repair OUT.mcap` writes a complete session from the remaining data");
+        if !self.finished || self.damage.iter().any(|part| part.is_loss) {
+            text.row("", "`sonoweave repair` writes a complete session from the remaining data");
         }
     }
 }

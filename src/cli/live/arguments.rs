@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::app::json::JsonFlag;
 use crate::app::live::options::SessionOptions;
 use crate::app::live::outputs::Outputs;
 use crate::cli::igtl::SharingFlags;
@@ -38,9 +39,6 @@ pub(super) struct SessionArguments {
     /// the grabber's image. The slices' positions are then wrong
     #[arg(long, requires = "config")]
     pub(super) accept_example: bool,
-    /// Print no progress
-    #[arg(long)]
-    pub(super) quiet: bool,
     /// Print progress lines instead of the volume in the terminal
     #[arg(long)]
     pub(super) headless: bool,
@@ -49,8 +47,8 @@ pub(super) struct SessionArguments {
 }
 
 impl SessionArguments {
-    /// Returns the session's settings.
-    pub(super) fn options(&self) -> SessionOptions {
+    /// Returns the session's settings; `quiet` leaves out its progress.
+    pub(super) fn options(&self, quiet: bool) -> SessionOptions {
         SessionOptions {
             record: self.record.clone(),
             duration: self.duration,
@@ -59,7 +57,7 @@ impl SessionArguments {
             opens_browser: false,
             keep: self.keep.clone(),
             accept_example: self.accept_example,
-            quiet: self.quiet,
+            quiet,
             kind: "live",
             sharing: self.sharing.sharing(),
         }
@@ -69,9 +67,9 @@ impl SessionArguments {
 /// Output flags of a session.
 #[derive(Debug, Args)]
 pub(super) struct OutputFlags {
-    /// Write the volume at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
-    #[arg(long, value_name = "VOL.mha")]
-    volume: Option<PathBuf>,
+    /// Write the volume to this file at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
+    #[arg(short, long, value_name = "VOL.mha")]
+    output: Option<PathBuf>,
     /// Write its weights (same formats as the volume)
     #[arg(long, value_name = "W.mha")]
     weights: Option<PathBuf>,
@@ -80,21 +78,18 @@ pub(super) struct OutputFlags {
     /// Write the picture at the end
     #[arg(long, value_name = "IMG.png")]
     picture: Option<PathBuf>,
-    /// Write the frame outcomes, device states and timings, as JSON
-    #[arg(long, value_name = "FILE.json")]
-    stats: Option<PathBuf>,
 }
 
 impl OutputFlags {
-    /// Returns the requested outputs.
-    pub(super) fn outputs(&self) -> Outputs {
-        let Self { volume, weights, filling, picture, stats } = self;
+    /// Returns the requested outputs, the report among them.
+    pub(super) fn outputs(&self, json: JsonFlag) -> Outputs {
+        let Self { output, weights, filling, picture } = self;
         Outputs {
-            volume: volume.clone(),
+            volume: output.clone(),
             weights: weights.clone(),
             filling: filling.filling(),
             picture: picture.clone(),
-            stats: stats.clone(),
+            json,
         }
     }
 }

@@ -94,5 +94,5 @@ pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), 
     for note in &status.notes {
         say(&format!("note: {note}"));
     }
-    outputs.write_statistics(ended)
+    outputs.write_report(ended)
 }

@@ -6,6 +6,7 @@ use statistics::Statistics;
 
 use super::flags::Flags;
 use super::one::reconstruct;
+use crate::app::json::JsonFlag;
 use crate::app::reconstruct::batch::outputs;
 use crate::cli::Failure;
 
@@ -19,10 +20,16 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
     let outputs = outputs(sequences, folder, &flags.beside.beside())?;
     let mut rows = vec![["recording", "frames", "voxels", "s", "volume"].map(str::to_owned)];
     let mut failed = 0;
+    let mut documents = Vec::new();
     for (sequence, (output, beside)) in sequences.iter().zip(outputs) {
         let name = sequence.display().to_string();
-        rows.push(match reconstruct(sequence, &output, flags, beside) {
-            Ok(statistics) => done(name, &statistics, &output),
+        let json = beside.json.clone().map(JsonFlag::to_file);
+        let reconstructed = reconstruct(sequence, &output, flags, beside);
+        rows.push(match reconstructed.and_then(|done| written(json, done)) {
+            Ok((statistics, document)) => {
+                documents.push(document);
+                done(name, &statistics, &output)
+            }
             Err(Failure(why)) => {
                 failed += 1;
                 [name, "–".into(), "–".into(), "–".into(), format!("failed: {why}")]
@@ -30,10 +37,25 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
         });
     }
     print_line!("\n{}", table(&rows).trim_end());
+    if flags.beside.json.file().is_none() {
+        flags.beside.json.write_text(&array(&documents))?;
+    }
     match failed {
         0 => Ok(()),
         n => Err(Failure(format!("{n} of {} recordings failed; the table says why", sequences.len()))),
     }
+}
+
+/// Writes a recording's report to its file.
+fn written(json: Option<JsonFlag>, done: (Statistics, String)) -> Result<(Statistics, String), Failure> {
+    json.map_or(Ok(()), |json| json.write_text(&done.1))?;
+    Ok(done)
+}
+
+/// Joins documents to one array.
+fn array(documents: &[String]) -> String {
+    let items: Vec<&str> = documents.iter().map(|document| document.trim_end()).collect();
+    format!("[\n{}\n]\n", items.join(",\n"))
 }
 
 fn done(name: String, statistics: &Statistics, output: &Path) -> [String; 5] {

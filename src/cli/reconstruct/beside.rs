@@ -1,9 +1,10 @@
 //! Flags for the files written beside a volume.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use crate::app::json::JsonFlag;
 use crate::app::reconstruct::beside::Beside;
 
 /// Files beside a volume; for several recordings, the folders for each one's.
@@ -15,15 +16,14 @@ pub(in crate::cli) struct BesideFlags {
     /// Draw the three middle planes; filled voxels are tinted
     #[arg(long, value_name = "FILE.png")]
     planes: Option<PathBuf>,
-    /// Write the statistics, as JSON
-    #[arg(long, value_name = "FILE.json")]
-    pub(in crate::cli) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) json: JsonFlag,
 }
 
 impl BesideFlags {
     /// Returns the files.
     pub(in crate::cli) fn beside(&self) -> Beside {
-        let Self { weights, planes, stats } = self.clone();
-        Beside { weights, planes, stats }
+        let Self { weights, planes, json } = self.clone();
+        Beside { weights, planes, json: json.file().map(Path::to_owned) }
     }
 }

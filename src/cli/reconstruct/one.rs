@@ -11,23 +11,24 @@ use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed};
 use crate::cli::Failure;
 use crate::cli::progress::steps;
 
-/// Reconstructs a recorded sweep into a volume and its other outputs. Returns the statistics.
+/// Reconstructs a recorded sweep into a volume and its other outputs but the report. Returns the
+/// numbers and the report.
 pub(super) fn reconstruct(
     sequence: &Path,
     output: &Path,
     flags: &Flags,
     beside: Beside,
-) -> Result<Statistics, Failure> {
+) -> Result<(Statistics, String), Failure> {
     let (request, sweep) = flags.request(sequence, Some(output), beside)?;
     let done = request.finish(sweep.reconstruct("reconstructing", &steps)?, None::<&()>)?;
     report(request.options(), &done);
-    Ok(done.statistics)
+    Ok((done.statistics, done.document))
 }
 
 /// Prints a short report to stdout, and notes for the user to stderr.
 #[allow(clippy::print_stderr, reason = "the command's output")]
 pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
-    let Reconstructed { outcome, statistics, filled } = done;
+    let Reconstructed { outcome, statistics, filled, .. } = done;
 
     for note in &outcome.notes {
         eprintln!("sonoweave: note: {note}");

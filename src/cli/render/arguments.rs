@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::view_flags::ViewFlags;
+use crate::app::json::JsonFlag;
 use crate::cli::values;
 
 /// Flags of `render`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(after_long_help = "\
 With --weights, unseen voxels differ from seen black ones. For a volume from `reconstruct --type f32` with its \
 weights, the picture equals the last picture of `replay`.
 
@@ -36,9 +37,8 @@ pub struct Arguments {
     /// Memory limit for the volume, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     pub(super) max_memory: f64,
-    /// Write the statistics, as JSON
-    #[arg(long, value_name = "FILE.json")]
-    pub(super) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) json: JsonFlag,
     #[command(flatten)]
     pub(super) view_flags: ViewFlags,
 }

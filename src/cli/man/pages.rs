@@ -8,28 +8,46 @@ use clap_mangen::roff::{Roff, bold, italic, roman};
 
 use config::bedside::schema::SECTIONS;
 
-use crate::Document;
-
 /// Name of the manual that contains the pages.
 const MANUAL: &str = "sonoweave";
 const SOURCE: &str = concat!("sonoweave ", env!("CARGO_PKG_VERSION"));
 /// Name of the configuration's page.
 const CONFIGURATION: &str = "sonoweave-bedside";
 
+/// A manual page.
+#[derive(Debug)]
+pub(super) struct Page {
+    /// Its file name, with the section: `sonoweave-live.1`.
+    pub(super) name: String,
+    /// Its roff.
+    pub(super) text: String,
+}
+
+impl Page {
+    fn new(title: &str, section: u8, roff: &[u8]) -> Self {
+        Self { name: format!("{title}.{section}"), text: String::from_utf8_lossy(roff).into_owned() }
+    }
+
+    /// Returns the name without the section.
+    pub(super) fn title(&self) -> &str {
+        self.name.rsplit_once('.').map_or(&self.name, |(title, _)| title)
+    }
+}
+
 /// Returns all pages.
 ///
 /// # Errors
 /// None in practice; the writers' signatures allow errors.
-pub fn pages(command: &clap::Command) -> io::Result<Vec<Document>> {
-    let mut pages = vec![Document { name: "sonoweave.1".into(), content: page(command)? }];
+pub(super) fn all(command: &clap::Command) -> io::Result<Vec<Page>> {
+    let mut pages = vec![Page::new("sonoweave", 1, &page(command)?)];
     for sub in command.get_subcommands() {
-        pages.push(Document { name: format!("{}.1", title(sub)), content: page(sub)? });
+        pages.push(Page::new(title(sub), 1, &page(sub)?));
         // Each kind of calibration has flags of its own.
         for kind in sub.get_subcommands().filter(|kind| kind.get_name() != "help") {
-            pages.push(Document { name: format!("{}.1", title(kind)), content: page(kind)? });
+            pages.push(Page::new(title(kind), 1, &page(kind)?));
         }
     }
-    pages.push(Document { name: format!("{CONFIGURATION}.5"), content: configuration()? });
+    pages.push(Page::new(CONFIGURATION, 5, &configuration()?));
     Ok(pages)
 }
 
@@ -155,17 +173,16 @@ mod tests {
     use super::*;
 
     /// Returns the text as a reader sees it, without roff's escapes.
-    fn read(document: &Document) -> String {
-        let text = String::from_utf8(document.content.clone()).unwrap();
+    fn read(page: &Page) -> String {
         [("\\-", "-"), ("\\fB", ""), ("\\fI", ""), ("\\fR", ""), ("\\*(Aq", "'"), ("\\&", ""), ("\\\\", "\\")]
             .iter()
-            .fold(text, |text, (escape, plain)| text.replace(escape, plain))
+            .fold(page.text.clone(), |text, (escape, plain)| text.replace(escape, plain))
     }
 
     #[test]
     fn every_command_page_documents_all_flags() {
-        let command = crate::command_line();
-        let pages = pages(&command).unwrap();
+        let command = crate::cli::command_line();
+        let pages = all(&command).unwrap();
         let names: Vec<&str> = pages.iter().map(|page| page.name.as_str()).collect();
         let mut flags = 0;
         for sub in command.get_subcommands() {
@@ -181,7 +198,7 @@ mod tests {
                     flags += 1;
                 }
             }
-            let after = sub.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let after = sub.get_after_long_help().map(ToString::to_string).unwrap_or_default();
             let begins = ["Example:", "Examples:"].iter().find_map(|word| after.split_once(word));
             if let Some((_, examples)) = begins {
                 let shown = page.split_once("\n.SH EXAMPLES\n.nf\n").expect("examples").1;
@@ -199,7 +216,7 @@ mod tests {
 
     #[test]
     fn configuration_page_has_every_key() {
-        let pages = pages(&crate::command_line()).unwrap();
+        let pages = all(&crate::cli::command_line()).unwrap();
         let page = read(pages.last().unwrap());
         for section in SECTIONS.iter() {
             let (_, rest) = page.split_once(&format!("\n.SH [{}]\n", section.name)).expect("a heading");
