@@ -58,7 +58,9 @@ fn title(command: &clap::Command) -> &str {
 
 /// Returns the page of a command.
 fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
-    let man = Man::new(command.clone()).source(SOURCE).manual(MANUAL);
+    // clap_mangen leaves out the help of flags that only `--help` shows.
+    let shown = command.clone().mut_args(|arg| arg.hide_short_help(false));
+    let man = Man::new(shown).source(SOURCE).manual(MANUAL);
     let mut page = Vec::new();
     man.render_title(&mut page)?;
     man.render_name_section(&mut page)?;
