@@ -45,9 +45,9 @@ impl Verdict {
 pub(crate) struct Finding {
     pub(crate) item: &'static str,
     pub(crate) verdict: Verdict,
-    /// What was found, in words.
+    /// The state that was found, in words.
     pub(crate) found: String,
-    /// What to do; `None` if nothing.
+    /// The remedy; `None` if there is nothing to do.
     pub(crate) advice: Option<String>,
 }
 

@@ -45,7 +45,7 @@ impl Found {
 /// Driver of the grabbers, as lists name it.
 const GRABBER: &str = "grabber";
 
-/// What a configuration needs to know.
+/// The choices that a configuration is written from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Answers {
     /// Model of the tracker or kind of the arm.

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Command};
 use clap_complete::{Shell, generate};
 
 use formats::whole::write_whole;
 
+use super::Failure;
 use super::print::print;
-use super::{Failure, command_line};
 use crate::app::input;
 
 /// Flags of `completions`.
@@ -28,21 +28,21 @@ pub struct Arguments {
     output: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command, for the command line `of`.
 ///
 /// # Errors
 /// [`Failure`]: the file does not exist then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let text = text(arguments.shell);
+pub fn run(arguments: &Arguments, of: Command) -> Result<(), Failure> {
+    let text = text(arguments.shell, of);
     let Some(path) = &arguments.output else { return print(&text) };
     input::check_output(path)?;
     write_whole(path, |to| to.write_all(text.as_bytes()))
         .map_err(|error| Failure(format!("{}: writing failed: {error}", path.display())))
 }
 
-fn text(shell: Shell) -> String {
+fn text(shell: Shell, mut of: Command) -> String {
     let mut content = Vec::new();
-    generate(shell, &mut command_line(), "sonoweave", &mut content);
+    generate(shell, &mut of, "sonoweave", &mut content);
     String::from_utf8_lossy(&content).into_owned()
 }
 
@@ -52,11 +52,11 @@ mod tests {
 
     #[test]
     fn completions_contain_every_command_and_flag() {
-        let command = command_line();
+        let command = crate::cli::command_line();
         let subcommands: Vec<_> = command.get_subcommands().collect();
         assert!(subcommands.iter().any(|sub| sub.get_name() == "live"));
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-            let text = text(shell);
+            let text = text(shell, command.clone());
             for sub in &subcommands {
                 assert!(text.contains(sub.get_name()), "{shell}: {}", sub.get_name());
                 for flag in sub.get_arguments().filter_map(clap::Arg::get_long) {

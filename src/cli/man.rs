@@ -4,12 +4,12 @@ mod pages;
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Command};
 
 use formats::whole::write_whole;
 
+use super::Failure;
 use super::print::print;
-use super::{Failure, command_line};
 use crate::app::input;
 use pages::Page;
 
@@ -35,12 +35,12 @@ pub struct Arguments {
     all: bool,
 }
 
-/// Runs the command.
+/// Runs the command, for the command line `of`.
 ///
 /// # Errors
 /// [`Failure`]: the file that failed does not exist then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let pages = pages::all(&command_line())?;
+pub fn run(arguments: &Arguments, of: &Command) -> Result<(), Failure> {
+    let pages = pages::all(of)?;
     if let (true, Some(folder)) = (arguments.all, &arguments.output) {
         std::fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
         return pages.iter().try_for_each(|page| write(&folder.join(&page.name), &page.text));

@@ -180,8 +180,8 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Dicom(arguments) => dicom::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
         Command::Twin(arguments) => twin::run(arguments),
-        Command::Completions(arguments) => completions::run(arguments),
-        Command::Man(arguments) => man::run(arguments),
+        Command::Completions(arguments) => completions::run(arguments, command_line()),
+        Command::Man(arguments) => man::run(arguments, &command_line()),
     }
 }
 

@@ -1,5 +1,5 @@
-//! The command line as shells and terminals see it: help, completions, manual, version, colours, and
-//! flags of earlier versions.
+//! The command line as shells and terminals see it: help, completions, manual, version, colours,
+//! and flags of earlier versions.
 
 use serde_json::Value;
 

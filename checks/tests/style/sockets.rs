@@ -3,8 +3,14 @@
 use crate::findings::Finding;
 use crate::sources::Sources;
 
-/// Files that may listen or connect: both servers, the check of a free address, and the client.
-const PLACES: [&str; 3] = ["crates/listener/src/lib.rs", "src/app/live/check.rs", "drivers/src/transport/tcp.rs"];
+/// Files that may listen or connect: both servers, the checks of free addresses, and the client.
+const PLACES: [&str; 5] = [
+    "crates/listener/src/lib.rs",
+    "src/app/doctor/facts.rs",
+    "src/app/live/check.rs",
+    "src/cli/demo.rs",
+    "drivers/src/transport/tcp.rs",
+];
 /// Types that listen, and those of other protocols.
 const LISTENERS: [&str; 6] = ["TcpListener", "TcpSocket", "UdpSocket", "UnixDatagram", "UnixListener", "UnixStream"];
 

@@ -187,8 +187,8 @@ impl<'a> Request<'a> {
         &self.options
     }
 
-    /// Writes the requested files but the report, and returns the latter; `picture` holds the statistics of
-    /// a simultaneous rendering.
+    /// Writes the requested files but the report, and returns the latter; `picture` holds the
+    /// statistics of a simultaneous rendering.
     ///
     /// # Errors
     /// [`Failure`]: the file that failed does not exist.
