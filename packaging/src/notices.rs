@@ -137,7 +137,7 @@ mod tests {
         }
         // A macro, a test dependency, one of the figures, one of this crate, another system's,
         // and our own.
-        for name in ["serde_derive", "proptest", "resvg", "clap_mangen", "core-foundation", "sonoweave-drivers"] {
+        for name in ["serde_derive", "proptest", "resvg", "cargo_metadata", "core-foundation", "sonoweave-drivers"] {
             assert!(!has(name), "{name}");
         }
         let text = notices(&linked).unwrap();

@@ -186,7 +186,7 @@ fn missing_prerequisite_is_named_before_recording() {
             ["--method crossings needs the image's position", "--config"],
         ),
         ("latency --live bedside.toml --config nowhere.toml", ["nowhere.toml: ", "No such file"]),
-        ("latency --live absent.toml", ["probe.toml: ", "No such file"]),
+        ("latency --live absent.toml", ["names probe.toml, but", "No such file"]),
     ] {
         place.refuses(&format!("calibrate {words} --record sessions --duration 1 -o new.toml"), &says);
     }

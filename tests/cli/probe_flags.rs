@@ -162,7 +162,7 @@ fn registration_takes_the_place_of_the_phantoms_pose() {
         ("tip.toml", ["tip.toml: holds no PhantomToReference", "`calibrate landmarks`"]),
         ("mirrored.toml", ["mirrored.toml: ", "mirrors"]),
         ("large.toml", ["large.toml: ", "the pose is no rotation"]),
-        ("phantom.toml", ["phantom.toml: ", "unknown key"]),
+        ("phantom.toml", ["phantom.toml: ", "for a calibration file"]),
         ("far.toml", ["far.toml: PhantomToReference is 2e6 mm", "check that its numbers are in mm"]),
         ("huge.toml", ["huge.toml: PhantomToReference is ", "more than 10000; check"]),
     ] {

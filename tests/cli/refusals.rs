@@ -361,7 +361,7 @@ fn files_of_other_kinds_are_named_as_such() {
         place.refuses(&format!("render {name}.mha -o p.png"), &says);
         place.refuses(&format!("reconstruct {name}.mha -o v.mha"), &says);
         // Not that nothing is to be drawn.
-        place.refuses(&format!("replay {name}.mha"), &says);
+        place.refuses(&format!("animate {name}.mha"), &says);
     }
 }
 

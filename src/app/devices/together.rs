@@ -59,7 +59,8 @@ impl Leader {
     fn take(&mut self, reading: &Reading) {
         let bits = match reading {
             Reading::Pose(pose) if pose.status == Status::Ok => bit(pose.station),
-            Reading::Counts(counts) if counts.status == Status::Ok => {
+            // An arm that is not homed counts, too; its readings say so.
+            Reading::Counts(counts) => {
                 (0..counts.axes).fold(0, |bits, axis| bits | bit(counts.first.saturating_add(axis)))
             }
             _ => return,
