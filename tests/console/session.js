@@ -24,7 +24,7 @@ export class Session {
   /// Begins a session whose console listens at this port, 0 for any free one.
   static async begin(port = 0) {
     const place = mkdtempSync(join(OUT, "session-"));
-    return Session.#run(place, ["demo", "--headless", "--out", place, "--console", `127.0.0.1:${port}`]);
+    return Session.#run(place, ["demo", "--headless", "-o", place, "--console", `127.0.0.1:${port}`]);
   }
 
   /// Begins a session with small frames and coarse voxels. Its volume is rendered quickly even
