@@ -2,7 +2,7 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny fresh-machine
+	release-test deny book fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -81,6 +81,11 @@ bench: setup
 	cargo bench --locked -p sonoweave-drivers --bench latency
 	cargo bench --locked -p sonoweave-drivers --bench session
 	cargo bench --locked -p sonoweave-drivers --bench images
+
+# Makes the book of the pages in docs: out/book. The checks of `make style` hold its links, commands
+# and messages.
+book: setup
+	scripts/book.sh
 
 # Searches for bytes that break a decoder of the devices' wire formats or a reader of files and
 # configurations, FUZZ_SECONDS for each. It fails where it cannot, unless FUZZ_OPTIONAL=1.

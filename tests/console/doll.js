@@ -39,8 +39,8 @@ async function click(page, name, x, y) {
 
 /// Moves the plane across z to the legs, and marks their middles; measuring must be open.
 export async function markLegs(page) {
-  const asked = await page.evaluate((z) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at: [0, 47, z] }) }).then((answer) => answer.status), LEGS_Z);
-  assert.equal(asked, 200);
+  const asked = await page.evaluate((z) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at: [0, 28, z] }) }).then(async (answer) => [answer.status, await answer.text()]), LEGS_Z);
+  assert.equal(asked[0], 200, asked[1]);
   // Voxels may be some millimetres wide.
   await page.waitForFunction((z) => Math.abs(window.sonoweave.planes.told[3].origin[2] - z) <= window.sonoweave.planes.told[3].voxel_mm, LEGS_Z, { timeout: 10_000 });
   await page.waitForTimeout(500);

@@ -122,7 +122,7 @@ export class Session {
 
 // Writes the virtual bedside's configuration, made small, into a folder.
 function small(folder, hz) {
-  const smaller = { clip_px: "[0, 0, 160, 120]", size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
+  const smaller = { clip_px: "[0, 0, 160, 120]", size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60", gap_mm: "2.725" };
   const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
     const [, key] = /^(\w+) = /.exec(line) ?? [];
     return key in smaller ? `${key} = ${smaller[key]}` : line;
