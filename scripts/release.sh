@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Makes a release of the last commit: the Debian package, a static program with its pages in a
-# tarball, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS. The same commit,
-# compiler and Debian give the same bytes in any folder. Needs the packages that
-# `scripts/setup.sh release` installs.
+# tarball, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS. The files
+# contain no names of folders and no times of the build; scripts/release-test.sh compares two
+# releases. Needs the packages that `scripts/setup.sh release` installs.
 #
 #   scripts/release.sh [FOLDER]     out/release by default; it is made anew
 #
@@ -64,7 +64,9 @@ stage=$place/$name
 install -D -m 755 "$program" "$stage/sonoweave"
 "$program" devices --udev >"$place/rules"
 install -D -m 644 "$place/rules" "$stage/70-sonoweave.rules"
-cp -r "$place/made/man" "$place/made/completions" "$stage/"
+"$program" man --all -o "$stage/man"
+mkdir -p "$stage/completions"
+for shell in bash zsh fish; do "$program" completions $shell -o "$stage/completions/sonoweave.$shell"; done
 mkdir -p "$stage/docs"
 cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
 cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
