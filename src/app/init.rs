@@ -2,12 +2,20 @@
 
 use std::fmt::Write as _;
 
+use config::bedside::ArmKind;
 use drivers::Listing;
+use drivers::tracker::polhemus::Model;
 
-/// Models of trackers, as configurations name them.
-pub(crate) const TRACKERS: [&str; 5] = ["isotrak", "fastrak", "liberty", "patriot", "viper"];
-/// Kinds of arms, as configurations name them.
-pub(crate) const ARMS: [&str; 5] = ["ea1", "lines", "qsb", "microscribe", "immersion"];
+/// Returns the models of trackers, as configurations name them.
+pub(crate) fn trackers() -> [&'static str; 5] {
+    Model::ALL.map(Model::name)
+}
+
+/// Returns the kinds of arms, as configurations name them.
+pub(crate) fn arms() -> [&'static str; 5] {
+    ArmKind::NAMED.map(|(name, _)| name)
+}
+
 /// Name of a simulated device.
 pub(crate) const VIRTUAL: &str = "virtual";
 
@@ -37,7 +45,7 @@ impl Found {
     /// Returns the model of the only tracker that names itself; serial lines do not.
     pub(crate) fn model(&self) -> Option<&'static str> {
         let named = |model: &&str| self.ports.iter().any(|port| port.description.to_lowercase().contains(*model));
-        let mut models = TRACKERS.into_iter().filter(named);
+        let mut models = trackers().into_iter().filter(named);
         models.next().filter(|_| models.next().is_none())
     }
 }
@@ -98,15 +106,15 @@ impl Answers {
     fn tracking(&self, text: &mut String) {
         let ports: Vec<String> = self.ports.iter().map(|port| quoted(port)).collect();
         let port = if ports.len() == 1 { ports.concat() } else { format!("[{}]", ports.join(", ")) };
-        if ARMS.contains(&self.tracker.as_str()) {
+        if arms().contains(&self.tracker.as_str()) {
             text.push_str("\n[arm]\n");
-            line(text, "kind", &quoted(&self.tracker), ARMS.join(", ").as_str());
+            line(text, "kind", &quoted(&self.tracker), arms().join(", ").as_str());
             line(text, "port", &port, "as `sonoweave devices` lists it");
             line(text, "latency_ms", "0.0", "as `sonoweave calibrate latency` measures it");
             return;
         }
         text.push_str("\n[tracker]\n");
-        line(text, "model", &quoted(&self.tracker), TRACKERS.join(", ").as_str());
+        line(text, "model", &quoted(&self.tracker), trackers().join(", ").as_str());
         line(text, "port", &port, "as `sonoweave devices` lists it");
         line(text, "probe_station", "1", "the sensor on the transducer");
         let (key, station) = self.reference_station.map_or(("#reference_station", 2), |n| ("reference_station", n));
@@ -147,12 +155,12 @@ mod tests {
 
     #[test]
     fn every_model_and_kind_is_a_valid_configuration() {
-        for model in TRACKERS.into_iter().chain(ARMS) {
+        for model in trackers().into_iter().chain(arms()) {
             let ports =
                 if model == "qsb" { vec!["/dev/a".into(), "/dev/b".into(), "/dev/c".into()] } else { answers().ports };
             let text = Answers { tracker: model.into(), ports, ..answers() }.text();
             let bedside = Bedside::parse(Path::new("b.toml"), &text).unwrap_or_else(|e| panic!("{model}: {e}\n{text}"));
-            assert_eq!(matches!(bedside.tracking, Tracking::Arm(_)), ARMS.contains(&model), "{model}");
+            assert_eq!(matches!(bedside.tracking, Tracking::Arm(_)), arms().contains(&model), "{model}");
             assert!(bedside.record.folder.is_some() && bedside.status.listen.is_some());
         }
     }

@@ -12,7 +12,7 @@ use formats::whole::{persist_new, temporary, write_whole};
 use super::Failure;
 use super::print::print;
 use super::progress::say;
-use crate::app::init::{ARMS, Answers, Found, TRACKERS, VIRTUAL};
+use crate::app::init::{Answers, Found, VIRTUAL, arms, trackers};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::live::check;
@@ -33,7 +33,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE.toml", default_value = "bedside.toml")]
     output: PathBuf,
     /// Model of the tracker or kind of the arm [default: that of a tracker on USB]
-    #[arg(long, value_name = "MODEL", value_parser = TRACKERS.into_iter().chain(ARMS).collect::<Vec<_>>())]
+    #[arg(long, value_name = "MODEL", value_parser = trackers().into_iter().chain(arms()).collect::<Vec<_>>())]
     tracker: Option<String>,
     /// Its serial line, usb, or virtual; three lines of an arm with one for each joint [default:
     /// the only one that is plugged in]
@@ -117,8 +117,8 @@ impl Arguments {
             Some(tracker) => tracker.clone(),
             None => asker.ask("--tracker", &models(), found.model())?,
         };
-        if !TRACKERS.contains(&tracker.as_str()) && !ARMS.contains(&tracker.as_str()) {
-            fail!("--tracker {tracker}: is unknown; give one of {}, {}", TRACKERS.join(", "), ARMS.join(", "));
+        if !trackers().contains(&tracker.as_str()) && !arms().contains(&tracker.as_str()) {
+            fail!("--tracker {tracker}: is unknown; give one of {}, {}", trackers().join(", "), arms().join(", "));
         }
         let ports = match self.port.as_slice() {
             [] => {
@@ -132,7 +132,7 @@ impl Arguments {
             None => asker.ask("--grabber", &listed("frame grabber", &found.grabbers), only(&found.grabbers))?,
         };
         let reference_station = match self.reference_station {
-            None if TRACKERS.contains(&tracker.as_str()) => {
+            None if trackers().contains(&tracker.as_str()) => {
                 let answer = asker.ask("--reference-station", "station of the sensor on the patient", Some(""))?;
                 let station = |text: &str| text.parse().ok().filter(|n| (1..=16).contains(n));
                 match answer.as_str() {
@@ -153,7 +153,7 @@ impl Arguments {
 }
 
 fn models() -> String {
-    format!("tracker ({}) or arm ({})", TRACKERS.join(", "), ARMS.join(", "))
+    format!("tracker ({}) or arm ({})", trackers().join(", "), arms().join(", "))
 }
 
 /// Returns a question with the devices to choose from.

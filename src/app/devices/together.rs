@@ -15,7 +15,7 @@ const ENOUGH: u8 = 3;
 /// Longest time that the grabber waits for them, ns.
 const PATIENCE: i64 = 5 * SECOND;
 
-/// A tracker or arm that reports its first valid readings.
+/// A tracker or arm that reports its first valid poses, or its first counts.
 pub(super) struct Leader {
     tracking: Box<dyn Device>,
     /// A bit for each station or axis.

@@ -127,14 +127,19 @@ pub enum ArmKind {
     MicroScribe(Family, u8),
 }
 
-named! {
-    ArmKind: [
-        ("ea1", ArmKind::Ea1(Lines)),
-        ("lines", ArmKind::Ea1(BareNumbers)),
-        ("qsb", ArmKind::Qsb),
-        ("microscribe", ArmKind::MicroScribe(Family::MicroScribe, 5)),
-        ("immersion", ArmKind::MicroScribe(Family::Box, 4)),
+impl ArmKind {
+    /// All kinds, with their names in configurations.
+    pub const NAMED: [(&str, Self); 5] = [
+        ("ea1", Self::Ea1(Lines)),
+        ("lines", Self::Ea1(BareNumbers)),
+        ("qsb", Self::Qsb),
+        ("microscribe", Self::MicroScribe(Family::MicroScribe, 5)),
+        ("immersion", Self::MicroScribe(Family::Box, 4)),
     ];
+}
+
+named! {
+    ArmKind: ArmKind::NAMED;
 }
 
 /// The OpenIGTLink server that sends the probe's poses, such as PLUS's, instead of a tracker
