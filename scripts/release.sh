@@ -81,4 +81,4 @@ printf '%s\n' "$changes" | sed -e '/./,$!d' >"$folder/sonoweave-$version-changes
 chmod 644 "$folder"/*.*
 (cd "$folder" && sha256sum -- *.deb *.tar.gz *.json *.md >SHA256SUMS && chmod 644 SHA256SUMS)
 say "in $folder:"
-(cd "$folder" && ls -l -- *.* SHA256SUMS | awk '{ print $5, $NF }')
+find "$folder" -maxdepth 1 -type f -printf '%s %f\n' | sort -k 2
