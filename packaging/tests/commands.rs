@@ -1,5 +1,6 @@
 //! Checks that the program understands every `sonoweave …` command in the documentation.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::error::ErrorKind;
@@ -100,6 +101,43 @@ fn documented_commands_are_understood() {
     let wrong: Vec<String> =
         found.iter().filter_map(|(name, told)| Some(format!("{name}: {}\n{}", told.command, refused(told)?))).collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Adds the long flags of a command and of its subcommands.
+fn add_flags(command: &clap::Command, flags: &mut BTreeSet<String>) {
+    flags.extend(command.get_arguments().filter_map(|arg| arg.get_long()).map(str::to_owned));
+    command.get_subcommands().for_each(|sub| add_flags(sub, flags));
+}
+
+/// Whether a text has the flag, and not only a longer one.
+fn mentions(text: &str, flag: &str) -> bool {
+    let flag = format!("--{flag}");
+    text.match_indices(&flag)
+        .any(|(at, _)| !text[at + flag.len()..].starts_with(|c: char| c.is_alphanumeric() || c == '-'))
+}
+
+#[test]
+fn every_flag_is_used_by_a_test() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut folders = ["tests", "scripts", "src/cli"].map(|name| root.join(name)).to_vec();
+    let mut texts = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for path in entries(&folder) {
+            if path.is_dir() {
+                folders.push(path);
+            } else if !path.starts_with(root.join("src")) || path.ends_with("tests.rs") {
+                // Fixtures are not texts.
+                texts.extend(std::fs::read_to_string(&path));
+            }
+        }
+    }
+    let mut flags = BTreeSet::new();
+    add_flags(&sonoweave::cli::command_line(), &mut flags);
+    // Tests give it as -v.
+    assert!(flags.len() > 150 && flags.remove("verbose"), "{flags:?}");
+    let unused: Vec<_> = flags.iter().filter(|flag| !texts.iter().any(|text| mentions(text, flag))).collect();
+    assert!(unused.is_empty(), "no test uses {unused:?}");
+    assert!(mentions("a --fill b", "fill") && !mentions("--fill-radius 2", "fill"));
 }
 
 #[test]

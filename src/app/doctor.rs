@@ -94,6 +94,11 @@ fn of_devices(facts: &Facts) -> Vec<Finding> {
             format!("{}: {why}", device.id),
             "install the udev rules and join the groups, as stated below",
         ),
+        Some(why) if device.is_bus() => warning(
+            "device",
+            format!("{}: {why}", device.id),
+            "nothing, unless devices are plugged in there; a container must be given them",
+        ),
         Some(why) => problem("device", format!("{}: {why}", device.id), "end the program that has it, or replug it"),
     };
     facts.devices.iter().map(of_device).collect()
@@ -229,6 +234,9 @@ mod tests {
     fn devices_and_permissions_are_judged() {
         let denied = Listing { unavailable: Some(DENIED.into()), ..good().devices.remove(0) };
         has(&Facts { devices: vec![denied], ..good() }, "device", Verdict::Problem);
+        let busy = Listing { unavailable: Some("busy".into()), ..good().devices.remove(0) };
+        has(&Facts { devices: vec![busy.clone()], ..good() }, "device", Verdict::Problem);
+        has(&Facts { devices: vec![Listing { id: "usb".into(), ..busy }], ..good() }, "device", Verdict::Warning);
         has(&Facts { devices: Vec::new(), ..good() }, "device", Verdict::Warning);
         has(&Facts { rules: Rules::Missing, ..good() }, "udev rules", Verdict::Warning);
         has(&Facts { rules: Rules::Other, ..good() }, "udev rules", Verdict::Warning);

@@ -69,8 +69,30 @@ const HEADINGS: &[(&str, &[&str])] = &[
     ),
     ("Cache", &["cache", "cache-bytes"]),
 ];
-/// Commands to which the headings apply.
+/// Commands to which these headings apply.
 const GROUPED: [&str; 3] = ["reconstruct", "animate", "live"];
+
+/// Headings of the flags of `convert`.
+const CONVERSION: &[(&str, &[&str])] = &[
+    ("Image data", &["frames", "crop", "orientation"]),
+    ("Sequences", &["station", "rate"]),
+    ("Outputs", &["json", "compress", "anonymize"]),
+];
+
+/// Headings of the flags of `calibrate`'s commands.
+const CALIBRATION: &[(&str, &[&str])] = &[
+    ("Recording", &["sequence", "session", "video", "from", "to", "clip", "validate", "sensor"]),
+    ("Live", &["live", "record", "duration", "goal"]),
+    (
+        "Stylus and phantom",
+        &["phantom", "registration", "stylus-tip", "stylus", "tip-error", "reference", "plate", "distances", "point"],
+    ),
+    ("Touches", &["order", "skip", "rest", "still", "tip", "seat"]),
+    ("Result", &["limit", "preset", "ruler", "keep", "counts"]),
+    ("Outputs", &["json", "report"]),
+];
+/// Commands of `calibrate` with more flags than fit a screen.
+const CALIBRATED: [&str; 6] = ["probe", "latency", "pivot", "arm", "landmarks", "tracker"];
 
 /// Puts the flags of all commands into groups.
 pub(super) fn grouped(mut command: clap::Command) -> clap::Command {
@@ -83,15 +105,23 @@ pub(super) fn grouped(mut command: clap::Command) -> clap::Command {
         });
     }
     for name in GROUPED {
-        command = command.mut_subcommand(name, |sub| {
-            sub.mut_args(|arg| {
-                let long = arg.get_long().unwrap_or_default().to_owned();
-                let heading = HEADINGS.iter().find(|(_, flags)| flags.contains(&long.as_str()));
-                heading.map_or(arg.clone(), |(heading, _)| arg.help_heading(*heading))
-            })
-        });
+        command = command.mut_subcommand(name, |sub| headed(sub, HEADINGS));
     }
-    command
+    command = command.mut_subcommand("convert", |sub| headed(sub, CONVERSION));
+    command.mut_subcommand("calibrate", |calibrate| {
+        CALIBRATED
+            .iter()
+            .fold(calibrate, |calibrate, name| calibrate.mut_subcommand(name, |sub| headed(sub, CALIBRATION)))
+    })
+}
+
+/// Puts a command's flags under these headings.
+fn headed(command: clap::Command, headings: &[(&'static str, &[&str])]) -> clap::Command {
+    command.mut_args(|arg| {
+        let long = arg.get_long().unwrap_or_default().to_owned();
+        let heading = headings.iter().find(|(_, flags)| flags.contains(&long.as_str()));
+        heading.map_or(arg.clone(), |(heading, _)| arg.help_heading(*heading))
+    })
 }
 
 #[cfg(test)]
@@ -117,6 +147,28 @@ mod tests {
                 "{heading}"
             );
         }
+        for (heading, flags) in CONVERSION {
+            assert!(flags.iter().all(|flag| has("convert", flag)), "{heading}");
+        }
+        let calibrate = command.find_subcommand("calibrate").unwrap();
+        let subs = CALIBRATED.map(|name| calibrate.find_subcommand(name).unwrap());
+        for flag in CALIBRATION.iter().flat_map(|(_, flags)| *flags) {
+            let has = |sub: &clap::Command| sub.get_arguments().any(|arg| arg.get_long() == Some(flag));
+            assert!(subs.iter().any(|sub| has(sub)), "{flag}");
+        }
+    }
+
+    #[test]
+    fn calibration_flags_stand_under_headings() {
+        let command = grouped(Arguments::command());
+        let sub = command.find_subcommand("calibrate").and_then(|sub| sub.find_subcommand("probe")).unwrap();
+        let heading =
+            |flag: &str| sub.get_arguments().find(|arg| arg.get_long() == Some(flag)).unwrap().get_help_heading();
+        assert_eq!(
+            [heading("live"), heading("ruler"), heading("phantom")],
+            [Some("Live"), Some("Result"), Some("Stylus and phantom")]
+        );
+        assert_eq!([heading("output"), heading("method")], [None, None]);
     }
 
     #[test]

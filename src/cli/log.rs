@@ -56,9 +56,8 @@ impl LogFlags {
     /// Starts logging, and tracing if requested. Returns the trace's file.
     pub(super) fn begin(&self) -> Result<Option<TraceFile>, Failure> {
         let filter = filter(&self.log.clone().unwrap_or_else(|| self.verbosity.to_string()))?;
-        // Without colours in pipes and files, on dumb terminals, and by NO_COLOR.
-        let colours = anstream::AutoStream::choice(&std::io::stderr()) != anstream::ColorChoice::Never;
-        let log = tracing_subscriber::fmt::layer().with_ansi(colours).with_writer(std::io::stderr).with_filter(filter);
+        let log =
+            tracing_subscriber::fmt::layer().with_ansi(has_colours()).with_writer(std::io::stderr).with_filter(filter);
         let (layer, file) = match &self.trace {
             Some(path) => {
                 input::check_output(path)?;
@@ -71,6 +70,11 @@ impl LogFlags {
         let _ = tracing_subscriber::registry().with(log).with(layer).try_init();
         Ok(file)
     }
+}
+
+/// Whether standard error shows colours: not in pipes and files, on dumb terminals and by NO_COLOR.
+pub(super) fn has_colours() -> bool {
+    anstream::AutoStream::choice(&std::io::stderr()) != anstream::ColorChoice::Never
 }
 
 /// Returns the log's filter.

@@ -1,5 +1,8 @@
 //! `devices`: lists the devices of this machine.
 
+use std::io::{BufRead as _, BufReader};
+use std::process::Stdio;
+
 use super::place::Place;
 
 #[test]
@@ -16,4 +19,16 @@ fn devices_are_listed_as_text_and_json_with_udev_rules() {
     let rules = place.does("devices --udev");
     assert!(rules.contains("ATTR{idVendor}==\"0f44\"") && rules.contains("ATTR{latency_timer}=\"1\""), "{rules}");
     assert_eq!(place.run("devices --udev --json").code, 2);
+}
+
+#[test]
+fn watch_prints_the_list_and_keeps_running() {
+    let mut watching = crate::program().args(["devices", "--watch"]).stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(watching.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    // It prints again only after a change, and a pipe that is closed ends it then.
+    let ended = watching.try_wait().unwrap();
+    watching.kill().unwrap();
+    watching.wait().unwrap();
+    assert!(!line.trim().is_empty() && ended.is_none(), "{line:?} {ended:?}");
 }

@@ -1,6 +1,8 @@
 //! The command line as shells and terminals see it: help, completions, manual, version, colours,
 //! and flags of earlier versions.
 
+use std::process::Command;
+
 use serde_json::Value;
 
 use super::place::Place;
@@ -20,6 +22,27 @@ fn pipes_get_no_escape_sequences() {
     for text in [help.stdout, wrong.stderr, logged.stdout, logged.stderr] {
         assert!(!text.contains('\u{1b}'), "{text:?}");
     }
+}
+
+#[test]
+fn terminals_have_colours_unless_no_color_is_set() {
+    let place = Place::new();
+    let program = crate::program().get_program().to_str().unwrap().to_owned();
+    // `script` gives the program a terminal, of which standard output is a copy.
+    let in_terminal = |name: &str, value: &str| {
+        let session = format!("stty rows 40 cols 100; exec {program} demo -vv --duration 0.5 -o {name}");
+        let mut command = Command::new("script");
+        command.args(["-qec", &session, "/dev/null"]).env("TERM", "xterm").env("NO_COLOR", value);
+        let run = place.output(&mut command);
+        assert!(run.code == 0 && run.stdout.contains("INFO"), "{}", run.stdout);
+        // Sequences of colours end with an m, those that move the cursor do not.
+        let sequences: Vec<&str> = run.stdout.split("\u{1b}[").skip(1).collect();
+        let colours = |text: &&&str| text.trim_start_matches(|c: char| c.is_ascii_digit() || c == ';').starts_with('m');
+        sequences.iter().filter(colours).count()
+    };
+    // An empty value counts as none.
+    assert!(in_terminal("coloured", "") > 2);
+    assert_eq!(in_terminal("plain", "1"), 0);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use serialport::{ClearBuffer, FlowControl, SerialPort, SerialPortType, TTYPort};
 use sonoweave_core::clock::Clock;
 
 use super::{LineError, Opener, Received, Transport};
-use crate::Listing;
+use crate::listing::{Listing, SERIAL};
 
 /// The longest time that written bytes may wait for the line.
 const WRITE: Duration = Duration::from_millis(500);
@@ -76,7 +76,7 @@ pub fn list() -> Vec<Listing> {
         Ok(ports) => ports,
         Err(error) => {
             let unavailable = Some(format!("serial lines cannot be listed: {error}"));
-            return vec![Listing { id: "serial".into(), description: "serial lines".into(), unavailable }];
+            return vec![Listing { id: SERIAL.into(), description: "serial lines".into(), unavailable }];
         }
     };
     let mut found: Vec<Listing> = ports

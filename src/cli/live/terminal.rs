@@ -14,6 +14,7 @@ use pipeline::session::Drawn;
 
 use crate::app::live::viewers::Display;
 use crate::app::reporter::Reporter;
+use crate::cli::log::has_colours;
 
 /// Time between two pictures in the terminal.
 const SHOWN_EVERY: Duration = Duration::from_millis(200);
@@ -38,9 +39,9 @@ struct PrintedPicture {
 }
 
 impl Terminal {
-    /// Returns `None` if standard error is not a terminal, or it is too small.
+    /// Returns `None` if standard error is not a terminal with colours, or it is too small.
     pub(super) fn of(picture: &Picture) -> Option<Arc<Self>> {
-        if !std::io::stderr().is_terminal() || size().is_none() {
+        if !std::io::stderr().is_terminal() || !has_colours() || size().is_none() {
             return None;
         }
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());

@@ -8,6 +8,7 @@ use sonoweave_core::clock::Clock;
 use super::model::{Model, Port, TrackerSettings};
 use super::{Line, fastrak, isotrak, liberty, viper};
 use crate::connection::{Connection, Protocol};
+use crate::listing::USB;
 use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
 use crate::{Error, Listing};
 
@@ -88,7 +89,7 @@ pub fn list() -> Vec<Listing> {
     match usb::list(VENDOR) {
         Ok(devices) => found.extend(devices.iter().map(listing)),
         Err(why) => found.push(Listing {
-            id: "usb".into(),
+            id: USB.into(),
             description: "USB".into(),
             unavailable: Some(format!("USB devices cannot be listed: {why}")),
         }),
