@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Tests `make demo` and `make test` on a bare Debian 12 with only git, make, curl and Rust. A
-# machine without a compiler is made in a folder, and the last commit is cloned into it. Both
-# targets run there, once as root and once as an unprivileged user with sudo.
+# Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl and
+# Rust. A machine without a compiler is made in a folder, and the last commit is cloned into it. All
+# run there, once as root and once as an unprivileged user with sudo.
 #
 #   scripts/fresh-machine.sh [root|user]...     one of the two; both by default
 #
@@ -73,24 +73,34 @@ run_as() {
     cp -a "$place/clone" "$root$home/sonoweave"
     [ ! -f "$cargo_config" ] || install -D -m 644 "$cargo_config" "$root$home/.cargo/config.toml"
     [ "$name" = root ] || chroot "$root" chown -R maker: "$home"
-    for target in demo test; do
+    for task in demo replay calibrate test; do
         began=$SECONDS
-        say "== $name: make $target"
+        case $task in
+        demo) set -- make --no-print-directory demo DURATION=12 ;;
+        test) set -- make --no-print-directory test ;;
+        # The commands of a page's tutorial, with the program that `make demo` has built.
+        *) set -- sh -euc 'mkdir "../$0"
+            commands=$(awk "/^## /{ on = /Step by step/ } on && sub(/^[$] /, \"\")" "docs/$0.md")
+            export PATH="$PWD/target/release:$PATH"
+            cd "../$0"
+            printf "set -x\n%s\n" "$commands" | sh -eu' "$task" ;;
+        esac
+        say "== $name: $task"
         unshare --mount --pid --fork --kill-child --propagation private bash -euc '
-            root=$1 name=$2 target=$3 home=$4
-            shift 4
+            root=$1 name=$2 home=$3
+            shift 3
             mount -t proc proc "$root/proc"
             mount --rbind /dev "$root/dev"
-            set -- env -i HOME="$home" "$@" make -C "$home/sonoweave" --no-print-directory "$target" DURATION=12
+            set -- env -i HOME="$home" "$@"
             if [ "$name" = user ]; then
                 exec chroot --userspec=maker:maker "$root" "$@"
             fi
             exec chroot "$root" "$@"
-        ' fresh-machine "$root" "$name" "$target" "$home" "${carried[@]}"
-        say "== $name: make $target passed in $((SECONDS - began)) s"
+        ' fresh-machine "$root" "$name" "$home" "${carried[@]}" env --chdir="$home/sonoweave" "$@"
+        say "== $name: $task passed in $((SECONDS - began)) s"
     done
     # A compiler was missing, so the setup step must have installed one.
-    [ -e "$root/usr/bin/cc" ] || fail "make $target passed without a compiler; what did it build?"
+    [ -e "$root/usr/bin/cc" ] || fail "all passed without a compiler; what did they build?"
 }
 
 for name in "${who[@]}"; do
