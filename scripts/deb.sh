@@ -61,6 +61,9 @@ sed -e 's|fastrak-grabber\.toml|/etc/sonoweave/bedside.toml|' -e 's|^file = "pro
 }
 put "$place/bedside.toml" etc/sonoweave/bedside.toml
 
+scripts/sample.sh "$built" "$place/sample"
+for file in "$place"/sample/*; do put "$file" "usr/share/sonoweave/sample/${file##*/}"; done
+
 documents=usr/share/doc/sonoweave
 for example in docs/examples/*.toml; do put "$example" "$documents/examples/${example##*/}"; done
 for drawn in docs/phantom/nwire.*; do put "$drawn" "$documents/phantom/${drawn##*/}"; done

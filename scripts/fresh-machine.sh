@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl and
-# Rust. A machine without a compiler is made in a folder, and the last commit is cloned into it. All
-# run there, once as root and once as an unprivileged user with sudo.
+# Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl
+# and Rust. A machine without a compiler is made in a folder, and the last commit is cloned into
+# it. All run there, once as root and once as an unprivileged user with sudo.
 #
 #   scripts/fresh-machine.sh [root|user]...     one of the two; both by default
 #

@@ -55,6 +55,7 @@ $sonoweave --version
 $sonoweave demo --headless --duration 4 -o demo >log 2>&1 || { cat log; exit 1; }
 $sonoweave replay demo/SESSION-*.mcap -o again.mha >log 2>&1 || { cat log; exit 1; }
 cmp demo/volume.mha again.mha
+$sonoweave replay /sample/session.mcap -o sample.mha >log 2>&1 || { cat log; exit 1; }
 $sonoweave phantom -o sweep.igs.mha --scene blobs --seed 1 >log 2>&1 || { cat log; exit 1; }
 $sonoweave reconstruct sweep.igs.mha -o sweep.mha >log 2>&1 || { cat log; exit 1; }
 $sonoweave render sweep.mha -o sweep.png >log 2>&1 || { cat log; exit 1; }
@@ -75,7 +76,7 @@ in_root() {
 try() {
     local name=$1
     say "== $name: $(sed -n 's/^PRETTY_NAME=//p' "$place/$name/etc/os-release")"
-    cp "$program" "$place/$name/sonoweave"
+    cp -r "$program" "$place/empty/sample" "$place/$name/"
     in_root "$name" sh -c "$commands" sh /sonoweave | tee "$place/$name/said"
 }
 bare_debian "$place/bookworm" "$place/bookworm.log" ca-certificates

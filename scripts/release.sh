@@ -67,6 +67,7 @@ install -D -m 644 "$place/rules" "$stage/70-sonoweave.rules"
 "$program" man --all -o "$stage/man"
 mkdir -p "$stage/completions"
 for shell in bash zsh fish; do "$program" completions $shell -o "$stage/completions/sonoweave.$shell"; done
+scripts/sample.sh "$program" "$stage/sample"
 mkdir -p "$stage/docs"
 cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
 cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
