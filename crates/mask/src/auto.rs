@@ -90,7 +90,12 @@ impl AutoMask {
                     && common >= SAME * found.mask.area().max(exact.mask.area()) as f64;
                 MaskFound { shape: if is_same { shape } else { exact.shape }, ..exact }
             }
-            (Err(_), _) if has_zero_border || part != whole(self.size) || search.border.is_none() => exact,
+            (Err(_), _) if has_zero_border || search.border.is_none() => exact,
+            // Columns of zeros beside a border in which no picture was recognised are blanking: the
+            // rest is no picture for that.
+            (Err(reason), border) if part != whole(self.size) => {
+                MaskFound { recognised: false, confidence: 0.0, border, reasons: vec![reason], ..exact }
+            }
             (Err(reason), border) => MaskFound {
                 mask: Arc::new(Mask::full(width, height)),
                 shape: MaskShape::Whole,
