@@ -1,7 +1,8 @@
 //! The 3-DOF arm: forward kinematics from joint counts to the probe's pose.
 //!
 //! The arm is a planar chain of three joints, base first, in the x-y plane of the base
-//! ([`Tracker`]). Each joint turns or slides, and the next one sits at the end of its link:
+//! ([`Tracker`](sonoweave_core::frames::Tracker)). Each joint turns or slides, and the next one
+//! sits at the end of its link:
 //!
 //! ```text
 //! tracker_from_probe = Π  turn(aᵢ) · shift(lᵢ, 0)
@@ -15,7 +16,8 @@
 //! along the base's z. Image axis u is meant to lie along that z. Slices then move in the plane
 //! and turn about z, so they all stay perpendicular to one plane.
 //!
-//! - [`pose`]: the pose of the last link, in the plane.
+//! - `kinematics`: the pose of the last link at given joint values or counts.
+//! - [`planar_pose`]: that pose, in the plane and in space.
 //! - [`inverse`]: the joint values for a given pose.
 //! - [`plate`]: known places on a plate.
 //! - [`rest`]: the moments at which the joints rest, which are touches.
@@ -31,16 +33,15 @@ use std::fmt;
 use glam::DVec2;
 use serde::Serialize;
 
-use sonoweave_core::frames::{Probe, Tracker, Transform};
-
 use crate::error::{ArmError, CalibrationError};
 
 pub mod accuracy;
 pub mod check;
 pub mod fit;
 pub mod inverse;
+mod kinematics;
+pub mod planar_pose;
 pub mod plate;
-pub mod pose;
 pub mod reach;
 pub mod rest;
 #[cfg(test)]
@@ -48,7 +49,7 @@ mod tests;
 
 pub use accuracy::{Derivatives, Displacement};
 pub use inverse::Elbow;
-pub use pose::PlanarPose;
+pub use planar_pose::PlanarPose;
 
 /// Number of joints of an arm.
 pub const JOINTS: usize = 3;
@@ -232,33 +233,6 @@ impl Arm {
         std::array::from_fn(|i| self.joints[i].count(values[i]))
     }
 
-    /// Returns the turn and length of each joint's link against the one before.
-    fn steps(&self, values: &Values) -> [(f64, f64); JOINTS] {
-        std::array::from_fn(|i| match self.joints[i].kind {
-            Kind::Revolute => (values[i], self.joints[i].length_mm),
-            Kind::Prismatic { direction_deg } => (direction_deg.to_radians(), self.joints[i].length_mm + values[i]),
-        })
-    }
-
-    /// Returns its links, base first, and the heading of the last one.
-    fn links(&self, values: &Values) -> ([Link; JOINTS], f64) {
-        let (mut joint, mut heading) = (DVec2::ZERO, 0.0);
-        let links = self.steps(values).map(|(turn, length)| {
-            heading += turn;
-            let along = DVec2::from_angle(heading);
-            let link = Link { joint, along, end: joint + length * along };
-            joint = link.end;
-            link
-        });
-        (links, heading)
-    }
-
-    /// Returns the pose of its last link.
-    pub fn pose(&self, values: &Values) -> PlanarPose {
-        let (links, heading_rad) = self.links(values);
-        PlanarPose { position_mm: links[JOINTS - 1].end, heading_rad }
-    }
-
     /// Returns poses spread over its working range: every combination of three values of each
     /// joint, 0.5 rad or 100 mm apart.
     pub fn spread(&self) -> Vec<PlanarPose> {
@@ -270,10 +244,5 @@ impl Arm {
             self.pose(&values)
         });
         combinations.collect()
-    }
-
-    /// Returns the probe's pose at these joint counts.
-    pub fn tracker_from_probe(&self, counts: &[i64; JOINTS]) -> Transform<Tracker, Probe> {
-        self.pose(&self.values(counts)).tracker_from_probe()
     }
 }

@@ -2,7 +2,7 @@
 # Tests that other programs accept our OpenIGTLink, and we theirs. The reference library (C++,
 # versions 1 and 2) and pyigtl (version 3) view a virtual session, save its volume and end it;
 # slices and volume are then compared with the file. Both also send a sweep that a session of ours
-# weaves, which is compared with the same sweep reconstructed.
+# inserts, which is compared with the same sweep reconstructed.
 #
 # `make interop` installs the other programs first. Nothing is left running; the files stay in
 # out/igtl.

@@ -61,8 +61,8 @@ test("a silent device is said with what to do, and its card says it, too", async
 test("a stage that stands still, a disk in trouble and metal are said, the worst first", async () => {
   const { page, tell } = await changed();
   const recording = { path: "/a/SESSION.mcap", bytes: 1e9, minutes_left: 4, lost: 7, trouble: "the disk is full" };
-  tell({ still: ["weaving"], recording, bent: true });
-  await says(page, "stands still: weaving");
+  tell({ still: ["insertion"], recording, bent: true });
+  await says(page, "stands still: insertion");
   const lines = await page.locator("#banner p").allInnerTexts();
   assert.match(lines.join(), /stands still[^]*recording is in trouble[^]*room for 4 more minutes/);
   assert.match(await page.locator(".card.recording").innerText(), /in trouble[^]*7 of what came are not in it[^]*the disk is full/);

@@ -82,7 +82,7 @@ test("what is wrong is said, the worst first, and what explains it keeps its con
   assert.deepEqual(keys({}, { ...WELL, ended: true }), ["ended"]);
   assert.deepEqual(keys({ open: false, lost_s: 3 }, { ...WELL, ended: true }), ["ended"]);
   assert.deepEqual(keys({ open: false, gone: true, lost_s: 3 }, WELL), ["ended"]);
-  assert.deepEqual(keys({}, { ...WELL, still: ["weaving"] }), ["still weaving"]);
+  assert.deepEqual(keys({}, { ...WELL, still: ["insertion"] }), ["still insertion"]);
   assert.deepEqual(keys({}, { ...WELL, frozen_s: 4 }, 9), ["frozen"]);
   assert.deepEqual(keys({}, WELL, 3), ["blank"]);
   assert.deepEqual(keys({}, WELL, 1.5), ["well"]);

@@ -257,7 +257,7 @@ fn is_settled(status: &SessionStatus) {
 /// Returns the outcome of frames: all, used, and refused by reason.
 pub(crate) fn frames(finished: &Finished) -> (u64, u64, Vec<(Reason, u64)>) {
     let Frames { total, used, refused, dropped, .. } = &finished.status.ledger.frames;
-    assert!(dropped.is_empty(), "a machine that weaves 64×64 pixels has time for them: {}", finished.status.ledger);
+    assert!(dropped.is_empty(), "a machine that inserts 64×64 pixels has time for them: {}", finished.status.ledger);
     (*total, *used, refused.iter().map(|(reason, count)| (*reason, *count)).collect())
 }
 

@@ -14,7 +14,7 @@
 
 use glam::DVec2;
 
-use super::pose::turned_near;
+use super::planar_pose::turned_near;
 use super::{Arm, JOINTS, Kind, PlanarPose, Values};
 use crate::error::{ArmError, CalibrationError};
 

@@ -3,7 +3,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
 
-use sonoweave_core::frames::Image;
+use sonoweave_core::frames::{Image, Probe, Transform};
 
 use super::*;
 use crate::error::ArmError;
@@ -34,7 +34,7 @@ fn arm() -> impl Strategy<Value = (Arm, Values)> {
 
 /// Returns the distance of two poses: mm, and rad within half a turn.
 fn between(a: &PlanarPose, b: &PlanarPose) -> (f64, f64) {
-    let turn = pose::turned_near(a.heading_rad - b.heading_rad, 0.0);
+    let turn = planar_pose::turned_near(a.heading_rad - b.heading_rad, 0.0);
     ((a.position_mm - b.position_mm).length(), turn.abs())
 }
 

@@ -16,7 +16,7 @@ use pipeline::session::{DeviceRole, Record, RecordedDecisions, Session, ViewClie
 use sync::history::Rigid;
 use sync::ingest::live::Gives;
 
-use super::room;
+use super::free_space;
 use crate::failure::Failure;
 
 /// Names of the devices, also used in recorded sessions.
@@ -180,7 +180,7 @@ pub(crate) fn record_of(bedside: &Bedside, folder: &Path, pictures: bool) -> Res
             it; give [calibration] clip_px or fan, or [record] full_frame = true"
         );
     }
-    room::check(folder, bedside.record.keep_free_bytes)?;
+    free_space::check(folder, bedside.record.keep_free_bytes)?;
     let writer = SessionWriter::create(folder, WriterOptions::new(concat!("sonoweave ", env!("CARGO_PKG_VERSION"))))?;
     let notes = vec![(CONFIGURATION, serde_json::to_value(Kept::of(bedside))?)];
     Ok(Record { writer, full_frame, notes, keep_free_bytes: bedside.record.keep_free_bytes })

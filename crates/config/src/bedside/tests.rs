@@ -156,12 +156,12 @@ fn examples_give_device_settings() {
     assert_eq!(arm.tracking.names(), [("Probe".to_owned(), "Tracker".to_owned())]);
     assert_eq!(arm.volume.path, PathChoice::Planar);
 
-    let rehearsed = example("virtual.toml");
-    let virtual_bedside = rehearsed.virtual_bedside.unwrap();
+    let simulated = example("virtual.toml");
+    let virtual_bedside = simulated.virtual_bedside.unwrap();
     assert_eq!((virtual_bedside.scan.settings().image_size, virtual_bedside.rate_hz), ([640, 480], 30.0));
     assert_eq!(virtual_bedside.grabber.latency_ns, 40_000_000);
-    assert_eq!(rehearsed.calibration.transforms[0].name(), "ImageToProbe", "its own");
-    assert!(rehearsed.mask.fan.is_some(), "the scanner's field");
+    assert_eq!(simulated.calibration.transforms[0].name(), "ImageToProbe", "its own");
+    assert!(simulated.mask.fan.is_some(), "the scanner's field");
 }
 
 #[test]

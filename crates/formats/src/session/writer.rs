@@ -1,6 +1,6 @@
 //! Writes a session live.
 
-mod disk;
+mod commit;
 mod options;
 mod topics;
 

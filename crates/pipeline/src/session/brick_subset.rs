@@ -197,23 +197,23 @@ mod tests {
             let section = plane.cover(&place, 0.21, 300).unwrap();
             let sheet = PlaneFootprint::new(&section, &place);
             let all: Vec<BrickIndex> = volume.bricks().collect();
-            let mut swatch = BrickSubset::default();
-            all.iter().for_each(|brick| swatch.put(*brick, BrickCopy::of(&volume, *brick)));
-            swatch.keep(&[sheet]);
-            assert!(swatch.len() < all.len() / 2, "{} of {}", swatch.len(), all.len());
+            let mut subset = BrickSubset::default();
+            all.iter().for_each(|brick| subset.put(*brick, BrickCopy::of(&volume, *brick)));
+            subset.keep(&[sheet]);
+            assert!(subset.len() < all.len() / 2, "{} of {}", subset.len(), all.len());
             let (whole, _) = Planar { volume: &volume, place, pool: None }.sample(&section);
-            let (cut, _) = Planar { volume: &swatch, place, pool: None }.sample(&section);
+            let (cut, _) = Planar { volume: &subset, place, pool: None }.sample(&section);
             assert!(whole == cut && whole.iter().any(Sampled::is_seen), "{normal}");
             // Without its middle brick, the image differs.
             let at = place.lattice_from_world().transform_point3(plane.point).round().to_array().map(|x| x as i64);
             let middle = brick_of(at).unwrap();
-            assert!(swatch.has(middle));
-            swatch.remove(middle);
-            let (mut without, _) = Planar { volume: &swatch, place, pool: None }.sample(&section);
+            assert!(subset.has(middle));
+            subset.remove(middle);
+            let (mut without, _) = Planar { volume: &subset, place, pool: None }.sample(&section);
             assert!(without != whole);
             // Sampling that brick's pixels again restores it.
-            swatch.put(middle, BrickCopy::of(&volume, middle));
-            let planar = Planar { volume: &swatch, place, pool: None };
+            subset.put(middle, BrickCopy::of(&volume, middle));
+            let planar = Planar { volume: &subset, place, pool: None };
             let pixels = sheet.pixels(middle).unwrap();
             assert!(planar.sample_again(&section, pixels, &mut without) && without == whole);
             assert!(!planar.sample_again(&section, pixels, &mut without), "the same again is no other one");
