@@ -97,7 +97,7 @@ fn of_devices(facts: &Facts) -> Vec<Finding> {
         Some(why) if device.is_bus() => warning(
             "device",
             format!("{}: {why}", device.id),
-            "nothing, unless devices are plugged in there; a container must be given them",
+            "if a device is plugged in there, give this machine or container access to it; otherwise, do nothing",
         ),
         Some(why) => problem("device", format!("{}: {why}", device.id), "end the program that has it, or replug it"),
     };

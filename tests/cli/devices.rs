@@ -2,6 +2,7 @@
 
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
+use std::time::Duration;
 
 use super::place::Place;
 
@@ -25,8 +26,10 @@ fn devices_are_listed_as_text_and_json_with_udev_rules() {
 fn watch_prints_the_list_and_keeps_running() {
     let mut watching = crate::program().args(["devices", "--watch"]).stdout(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
-    BufReader::new(watching.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    // It prints again only after a change, and a pipe that is closed ends it then.
+    let mut list = BufReader::new(watching.stdout.take().unwrap());
+    list.read_line(&mut line).unwrap();
+    // Time to end in, which a correct program never does.
+    std::thread::sleep(Duration::from_millis(300));
     let ended = watching.try_wait().unwrap();
     watching.kill().unwrap();
     watching.wait().unwrap();

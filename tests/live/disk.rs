@@ -94,22 +94,23 @@ fn agrees(finished: &Finished, read: &Read) {
     assert!(read.poses <= readings.total && read.poses + unwritten >= readings.total, "{}", readings.total);
 }
 
-/// A disk that refuses writes for a while.
+/// A disk that refuses writes for a while, and those beyond its room.
 #[derive(Clone)]
 struct Refusing {
     disk: Memory,
     why: ErrorKind,
     refuses: Arc<AtomicBool>,
+    /// Size of the largest file, bytes.
+    room: u64,
 }
 
 impl Store for Refusing {
     fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
-        if self.refuses.load(Ordering::Relaxed) {
-            // Half of the data were written, like on a real disk.
-            self.disk.write_at(&bytes[..bytes.len() / 2], at)?;
-            return Err(Error::from(self.why));
-        }
-        self.disk.write_at(bytes, at)
+        let left = self.room.saturating_sub(at).min(bytes.len() as u64) as usize;
+        // Half of the data were written, like on a real disk.
+        let written = if self.refuses.load(Ordering::Relaxed) { left / 2 } else { left };
+        self.disk.write_at(&bytes[..written], at)?;
+        if written < bytes.len() { Err(Error::from(self.why)) } else { Ok(()) }
     }
 
     fn cut(&mut self, length: u64) -> std::io::Result<()> {
@@ -125,7 +126,7 @@ impl Store for Refusing {
     }
 }
 
-/// Full chunks, and little memory to wait in.
+/// Small chunks, and little memory to wait in.
 fn tight() -> WriterOptions {
     WriterOptions { chunk_ns: 50 * MS, held_bytes: 10_000, retry_ns: 50 * MS, ..WriterOptions::new("a test") }
 }
@@ -135,7 +136,7 @@ fn temporary_disk_failure_stops_nothing_and_losses_are_counted() {
     for why in [ErrorKind::StorageFull, ErrorKind::ReadOnlyFilesystem, ErrorKind::PermissionDenied] {
         let begin_ns = begin();
         let refuses = Arc::new(AtomicBool::new(false));
-        let disk = Refusing { disk: Memory::default(), why, refuses: Arc::clone(&refuses) };
+        let disk = Refusing { disk: Memory::default(), why, refuses: Arc::clone(&refuses), room: u64::MAX };
         let set = Set::of(poses(begin_ns, 75), all_frames(begin_ns, 75)).recorded(disk.clone(), tight(), 0);
         let (finished, seen) = set.until(|status, _| {
             refuses.store((15..50).contains(&status.ledger.frames.total), Ordering::Relaxed);
@@ -153,39 +154,13 @@ fn temporary_disk_failure_stops_nothing_and_losses_are_counted() {
     }
 }
 
-/// A disk with so much room, bytes.
-#[derive(Clone)]
-struct Full {
-    disk: Memory,
-    room: u64,
-}
-
-impl Store for Full {
-    fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
-        let fits = self.room.saturating_sub(at).min(bytes.len() as u64) as usize;
-        self.disk.write_at(&bytes[..fits], at)?;
-        if fits < bytes.len() { Err(ErrorKind::StorageFull.into()) } else { Ok(()) }
-    }
-
-    fn cut(&mut self, length: u64) -> std::io::Result<()> {
-        self.disk.cut(length)
-    }
-
-    fn data_sync(&self) -> std::io::Result<Box<dyn DataSync>> {
-        Ok(Box::new(()))
-    }
-
-    fn free_bytes(&self) -> Option<u64> {
-        None
-    }
-}
-
 #[test]
 fn full_disk_leaves_file_valid_up_to_that_point() {
     let begin_ns = begin();
     // By room, not by time: a busy machine stores late, and frames later than poses. All messages
     // but those of frames take less than half of it, and all together twice as much.
-    let disk = Full { disk: Memory::default(), room: 150_000 };
+    let refuses = Arc::default();
+    let disk = Refusing { disk: Memory::default(), why: ErrorKind::StorageFull, refuses, room: 150_000 };
     // Memory for all, so that a busy machine loses none before the disk is full.
     let options = WriterOptions { held_bytes: 10 << 20, ..tight() };
     let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60)).recorded(disk.clone(), options, 0);

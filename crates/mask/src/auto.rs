@@ -91,8 +91,8 @@ impl AutoMask {
                 MaskFound { shape: if is_same { shape } else { exact.shape }, ..exact }
             }
             (Err(_), _) if has_zero_border || search.border.is_none() => exact,
-            // Columns of zeros beside a border in which no picture was recognised are blanking: the
-            // rest is no picture for that.
+            // Zeros around an even border are the blanking of video. They do not make a picture of
+            // the rest, if none was recognised in it.
             (Err(reason), border) if part != whole(self.size) => {
                 MaskFound { recognised: false, confidence: 0.0, border, reasons: vec![reason], ..exact }
             }
