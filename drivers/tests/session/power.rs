@@ -395,16 +395,27 @@ fn failed_sync_is_reported_once_and_repeated() {
 #[test]
 fn idle_recorder_retries_failed_sync() {
     let mut recorder = Recorder::new(4 << 20);
-    recorder.end_sync(Err(io::Error::from_raw_os_error(5)));
+    let fails = || Err(io::Error::from_raw_os_error(5));
+    recorder.end_sync(fails());
+    // This sync is due anyway: it is the first one of the device's description.
     recorder.tick(BEGIN + SECOND);
     assert_eq!(recorder.errors.len(), 1);
     assert!(recorder.runs && recorder.syncs == 2, "{}", recorder.syncs);
-    // The second one follows the data that were written again.
-    recorder.end_sync(Ok(()));
-    assert!(recorder.runs && recorder.syncs == 3, "{}", recorder.syncs);
-    recorder.end_sync(Ok(()));
+    recorder.end_sync(fails());
+    let stored = recorder.session().account().file_bytes;
     recorder.tick(BEGIN + 2 * SECOND);
+    assert_eq!(recorder.session().account().file_bytes, stored, "nothing is written meanwhile");
+    assert!(recorder.runs && recorder.syncs == 3, "{}", recorder.syncs);
+    // The fourth one follows the data that were written again.
+    recorder.end_sync(Ok(()));
+    assert!(recorder.runs && recorder.syncs == 4, "{}", recorder.syncs);
+    recorder.end_sync(Ok(()));
+    recorder.tick(BEGIN + 3 * SECOND);
     assert_eq!((recorder.session().account().trouble.as_str(), recorder.errors.len()), ("", 1));
+    // That turn requested one more before it saw the success; then there is no need.
+    recorder.end_sync(Ok(()));
+    recorder.tick(BEGIN + 4 * SECOND);
+    assert!(!recorder.runs && recorder.syncs == 5, "{}", recorder.syncs);
 }
 
 #[test]
