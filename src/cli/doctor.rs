@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Failure;
 use crate::app::doctor::facts::Facts;
-use crate::app::doctor::{Verdict, judge};
+use crate::app::doctor::{Verdict, checks::judge};
 use crate::app::json::JsonFlag;
 
 /// Flags of `doctor`.

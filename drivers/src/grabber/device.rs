@@ -20,10 +20,10 @@ use super::interlace::{self, Order};
 use super::list::{find, is_gone, unfit, why_not_opened};
 use super::pixels::{Converter, Refusal, Rows};
 use super::timing::{FrameClock, Sequence, frame_time};
-use super::v4l2::kernel::{Node, number};
+use super::v4l2::buffers::{Filled, Stream};
 use super::v4l2::setup::{Setup, set_up};
 use super::v4l2::setup_error::SetupError;
-use super::v4l2::stream::{Filled, Stream};
+use super::v4l2::system_calls::{Node, number};
 use super::{GrabberSettings, Interlace};
 use crate::transport::holder;
 

@@ -6,7 +6,7 @@
 //! frame, which is the newer field's end, or the start of its exposure, which is the older one's.
 
 use super::pixels::{Field, Rows, Scan, Take};
-use super::v4l2::kernel::number;
+use super::v4l2::system_calls::number;
 
 /// Treatment of interlaced video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

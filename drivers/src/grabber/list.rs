@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use super::v4l2::choose::Offer;
-use super::v4l2::kernel::{Identity, Node, number};
 use super::v4l2::setup;
+use super::v4l2::system_calls::{Identity, Node, number};
 use crate::Listing;
 
 /// Lists every node that captures video, by number. Other nodes (metadata of UVC frames, outputs)

@@ -287,7 +287,7 @@ impl Layout {
 mod tests {
     use super::super::header::Parser;
     use super::super::metaimage::grammar::GRAMMAR;
-    use super::super::metaimage::text::element_type;
+    use super::super::metaimage::write::element_type;
     use super::*;
 
     fn layout(lines: &str, data_bytes: u64) -> Result<Layout, Fault> {

@@ -1,6 +1,7 @@
 //! Writes a session live.
 
-mod commit;
+mod chunks;
+mod disk_full;
 mod options;
 mod topics;
 
@@ -350,33 +351,6 @@ impl SessionWriter {
         done.and_then(|()| self.syncs.finish(stored)).map_err(|source| {
             self.failed("ending the session (it is whole up to its last chunk, without an index)", source)
         })
-    }
-
-    fn failed(&self, doing: &'static str, source: std::io::Error) -> Error {
-        Error::Io { path: self.path.clone(), doing, source }
-    }
-
-    fn write_losses(&mut self, now_ns: i64) -> Result<(), Error> {
-        let topic_of = |channel: u16| self.topics.get(channel).topic.clone();
-        let Some(loss) = self.losing.drain(&self.account.trouble, topic_of) else { return Ok(()) };
-        tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);
-        self.message.clear();
-        loss.write(&mut self.message);
-        self.put(self.losses, now_ns, now_ns)
-    }
-
-    /// Returns whether memory is left. Frames fill the memory, so they are dropped first.
-    fn has_room(&self, is_frame: bool) -> bool {
-        let most = self.options.held_bytes;
-        self.tail.buffer().len() < if is_frame { most } else { most + most / 4 }
-    }
-
-    fn lose(&mut self, channel: u16, bytes: usize, at_ns: i64) {
-        let sequence = &mut self.topics.get_mut(channel).sequence;
-        *sequence = sequence.wrapping_add(1);
-        self.account.messages += 1;
-        self.account.lost += 1;
-        self.losing.add(channel, bytes, at_ns.max(self.last_ns));
     }
 
     /// Writes the encoded message.

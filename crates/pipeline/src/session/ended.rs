@@ -9,14 +9,14 @@ use sonoweave_core::clock::Monotonic;
 use crate::command::{Command, Instruction, Setting};
 
 use super::digest::ResultDigest;
-use super::picture::{self, Drawn, SharedViewClient};
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RecordedDecisions;
 use super::recorder::Recording;
+use super::render_thread::{self, Drawn, SharedViewClient};
 use super::settings::{Finished, Session};
 use super::shared_volume::Shared;
+use super::spawn::spawn;
 use super::status::SessionStatus;
-use super::threads::spawn;
 use super::{plane_viewer, reader};
 use crate::Outcome;
 
@@ -62,7 +62,7 @@ impl EndedSession<'_> {
             let policy = SchedulingPolicy::default();
             if let Some(view) = &self.view {
                 spawn(scope, "picture", (&policy, Role::Usual), move || {
-                    if let Err(error) = picture::run(shared, view, false, clock, |_| {}) {
+                    if let Err(error) = render_thread::run(shared, view, false, clock, |_| {}) {
                         tracing::warn!("no picture of the volume: {error}");
                     }
                 });

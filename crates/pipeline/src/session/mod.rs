@@ -19,15 +19,15 @@
 //! volume bit by bit, at any speed and with any number of threads.
 //!
 //! - `settings`, `device`: a session's inputs and its results; the roles of its devices.
-//! - `run`, `threads`: the wiring, the only place where threads of a session are started.
-//! - `event`, `sequencer`, `capture`: session events, their order, and a device's thread.
+//! - `run`, `spawn`: the wiring, the only place where threads of a session are started.
+//! - `event`, `sequencer`, `capture_thread`: session events, their order, and a device's thread.
 //! - `replay`, `sequence`: a recorded session as a source of the same events; a recorded sequence
 //!   as a source of slices.
-//! - `pairing`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken where the
-//!   tracker's field is distorted.
-//! - `insert`, `shared_volume`, `changes`: insertion of slices, the lock on the volume, and the
-//!   changes pending for its readers.
-//! - `picture`, `reach`: the picture, and the box that it shows.
+//! - `pairing_thread`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken
+//!   where the tracker's field is distorted.
+//! - `insertion_thread`, `shared_volume`, `changes`: insertion of slices, the lock on the volume,
+//!   and the changes pending for its readers.
+//! - `render_thread`, `reach`: the picture, and the box that it shows.
 //! - `plane_viewer`, `brick_subset`: planes, and the copied bricks that they sample.
 //! - `reader`: export of the volume while it grows.
 //! - `ended`: an ended session whose volume is still viewed.
@@ -41,7 +41,7 @@
 //! - `status`, `timing`, `turns`, `losses`: the status of the stages.
 
 mod brick_subset;
-mod capture;
+mod capture_thread;
 mod changes;
 mod common;
 mod decision;
@@ -49,11 +49,10 @@ mod device;
 mod digest;
 mod ended;
 mod event;
-mod insert;
+mod insertion_thread;
 mod losses;
 mod memory;
-mod pairing;
-mod picture;
+mod pairing_thread;
 mod plane_viewer;
 mod priority;
 mod reach;
@@ -61,15 +60,16 @@ mod reader;
 mod record_only;
 mod recorded_decisions;
 mod recorder;
+mod render_thread;
 mod replay;
 mod run;
 mod sequence;
 mod sequencer;
 mod settings;
 mod shared_volume;
+mod spawn;
 mod status;
 mod stuck;
-mod threads;
 mod timing;
 mod turns;
 mod unsynced;
@@ -80,13 +80,13 @@ pub use device::{DeviceRole, SessionDevice};
 pub use digest::ResultDigest;
 pub use ended::EndedSession;
 pub use memory::MemoryByOwner;
-pub use picture::{Drawn, First, ViewClient};
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 pub use priority::{SchedulingGrant, SchedulingPolicy};
 pub use reader::{NoVolume, Reader, Snapshot, VolumeRequest};
 pub use record_only::{RecordEvent, record_only};
 pub use recorded_decisions::{Differences, RecordedDecisions};
 pub use recorder::{Record, Recording, Unwritten};
+pub use render_thread::{Drawn, First, ViewClient};
 pub use replay::Recorded;
 pub use run::run;
 pub use sequence::Sequence;

@@ -12,7 +12,7 @@ use sonoweave_core::clock::Clock;
 use sonoweave_core::{Reading, Timing};
 use sync::ingest::live::{Live, LiveIngest};
 
-use super::capture::{Parts, captured, capturing, frame_bytes, parts};
+use super::capture_thread::{Parts, captured, capturing, frame_bytes, parts};
 use super::common::{Common, InFlight};
 use super::device::{DeviceRole, SessionDevice};
 use super::event::SessionEvent;
@@ -21,8 +21,8 @@ use super::priority::SchedulingPolicy;
 use super::recorder::{self, Record, Recording};
 use super::run::{FRAME_BYTES, READINGS, TURN};
 use super::sequencer::EventSequencer;
+use super::spawn::joined;
 use super::status::{SessionStatus, StatusCollector};
-use super::threads::joined;
 use crate::PipelineError;
 
 /// Recorded events, as passed to the listener.

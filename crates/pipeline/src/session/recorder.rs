@@ -30,7 +30,7 @@ use sync::ingest::stored_rect;
 
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RULES;
-use super::threads::spawn;
+use super::spawn::spawn;
 use super::unsynced::Unsynced;
 use crate::trace::STAGE;
 

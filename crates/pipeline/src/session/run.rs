@@ -11,26 +11,26 @@ use drivers::replay::SessionReplay;
 use sonoweave_core::clock::{Clock, Monotonic};
 use sonoweave_core::{Device, Error};
 
-use super::capture::{Capturing, Parts, captured, capturing, frame_bytes, parts};
+use super::capture_thread::{Capturing, Parts, captured, capturing, frame_bytes, parts};
 use super::common::{Common, InFlight};
 use super::digest::{self, ResultDigest};
 use super::ended::EndedSession;
-use super::insert::{InsertMessage, Insertion};
+use super::insertion_thread::{self, InsertMessage, Insertion};
 use super::losses::Losses;
-use super::pairing::{Pairing, SliceSink};
-use super::picture::{self, Drawn, SharedViewClient};
+use super::pairing_thread::{Pairing, SliceSink};
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RecordedDecisions;
 use super::recorder::{self, Recorder, Recording};
+use super::render_thread::{self, Drawn, SharedViewClient};
 use super::replay::{self, FromRecording, Recorded};
 use super::sequence::{self, Sequence};
 use super::sequencer::{EventSequencer, FromDevices};
 use super::settings::{Session, SessionInputs, Source};
 use super::shared_volume::Shared;
+use super::spawn::{joined, spawn};
 use super::status::{SessionStatus, StatusCollector};
-use super::threads::{joined, spawn};
 use super::zones::Warnings;
-use super::{insert, plane_viewer, reader};
+use super::{plane_viewer, reader};
 use crate::PipelineError;
 use crate::command::{Command, Instruction, Setting};
 
@@ -220,7 +220,7 @@ impl Wiring<'_> {
             });
             let picture = view.map(|view| {
                 spawn(scope, "picture", usual, move || {
-                    picture::run(volume, view, every.is_some(), clock, |drawn| status.drawn(drawn))
+                    render_thread::run(volume, view, every.is_some(), clock, |drawn| status.drawn(drawn))
                 })
             });
             for reader in session.readers.iter().filter(|_| is_last) {
@@ -232,7 +232,7 @@ impl Wiring<'_> {
             let inserting = running.clone();
             let insert = spawn(scope, "insertion", (&*policy, Role::Insertion), move || {
                 let _inserting = inserting;
-                insert::run(volume, &posed, common, insertion)
+                insertion_thread::run(volume, &posed, common, insertion)
             });
             let pairing = (&*policy, Role::Pairing);
             let delivering = match feeding {

@@ -16,7 +16,7 @@ use sync::{FramePose, PairingOptions, StampedPairing, survey};
 
 use super::common::Common;
 use super::device::DeviceRole;
-use super::insert::{InsertMessage, Posed};
+use super::insertion_thread::{InsertMessage, Posed};
 use super::turns::Stage;
 use crate::{CapturedFrame, OffPlane, PipelineError};
 

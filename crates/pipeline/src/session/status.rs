@@ -20,9 +20,9 @@ use sync::ingest::live::Gives;
 
 use super::device::DeviceRole;
 use super::memory::MemoryByOwner;
-use super::picture::Drawn;
 use super::priority::SchedulingGrant;
 use super::recorder::{Recording, Unwritten};
+use super::render_thread::Drawn;
 use super::shared_volume::VolumeExtent;
 use super::timing::Spread;
 use super::turns::{StageTurns, Turns};

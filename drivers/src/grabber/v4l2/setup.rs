@@ -6,8 +6,8 @@ use super::super::interlace::Order;
 use super::super::pixels::{Layout, Matrix, PixelFormat, Range, name_of};
 use super::super::{GrabberSettings, Standard};
 use super::choose::{Offer, choose};
-use super::kernel::{Format, Input, Node, Sizes, number};
 use super::setup_error::SetupError;
+use super::system_calls::{Format, Input, Node, Sizes, number};
 
 /// The current settings of a device, and their meaning.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! MetaImage, as written by ITK, PLUS and 3D Slicer: `grammar` (lines to fields), `claims`
-//! (description of the pixels), `place` (position of a volume), `text` (headers to be written).
+//! (description of the pixels), `place` (position of a volume), `write` (headers to be written).
 
 mod claims;
 pub(crate) mod grammar;
 mod place;
-pub(crate) mod text;
+pub(crate) mod write;

@@ -8,7 +8,7 @@
 //! removed again.
 
 mod file;
-pub(crate) mod text;
+pub(crate) mod header;
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -16,14 +16,14 @@ use std::path::Path;
 use crate::image::fault::Fault;
 use crate::image::header::Parser;
 use crate::image::layout::Layout;
-use crate::image::nrrd::text::Habit;
+use crate::image::nrrd::write::Habit;
 use crate::image::sequence::Sequence;
 pub use crate::image::sequence_header::{SequenceHeader, SequenceItem};
 use crate::image::volume_header::VolumeHeader;
 use crate::image::{Container, metaimage, nifti, nrrd};
 use crate::{Error, Limits, Unwritable};
 use file::{Head, Packing, PixelFile};
-use text::Text;
+use header::Text;
 
 /// Writes a tracked sequence.
 pub struct SequenceWriter {
@@ -57,13 +57,13 @@ impl SequenceWriter {
         let data_file = container.data_file(path, compressed);
         let beside = data_file.as_deref();
         let (text, packing) = match container {
-            Container::Mha | Container::Mhd => (metaimage::text::sequence(header, compressed, beside), Packing::Zlib),
+            Container::Mha | Container::Mhd => (metaimage::write::sequence(header, compressed, beside), Packing::Zlib),
             Container::Nrrd | Container::Nhdr => {
-                (nrrd::text::sequence(header, compressed, Habit::Plus, beside), Packing::Gzip)
+                (nrrd::write::sequence(header, compressed, Habit::Plus, beside), Packing::Gzip)
             }
             // Names of volumes were refused above.
             Container::SeqNrrd | Container::Nifti | Container::NiftiGz => {
-                (nrrd::text::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip)
+                (nrrd::write::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip)
             }
         };
         let text = text.map_err(refuse)?;
@@ -128,10 +128,10 @@ impl VolumeWriter {
         let beside = data_file.as_deref();
         let (head, packing) = match container {
             Container::Mha | Container::Mhd => {
-                (metaimage::text::volume(header, beside).map(Text::into_bytes), Packing::Zlib)
+                (metaimage::write::volume(header, beside).map(Text::into_bytes), Packing::Zlib)
             }
             Container::Nrrd | Container::Nhdr | Container::SeqNrrd => {
-                (nrrd::text::volume(header, beside).map(Text::into_bytes), Packing::Gzip)
+                (nrrd::write::volume(header, beside).map(Text::into_bytes), Packing::Gzip)
             }
             Container::Nifti => (nifti(header), Packing::Raw),
             Container::NiftiGz => (nifti(header), Packing::GzipWhole),
@@ -163,7 +163,7 @@ impl Write for VolumeWriter {
 }
 
 fn nifti(header: &VolumeHeader) -> Result<(Vec<u8>, Option<u64>), Unwritable> {
-    let fields = metaimage::text::fields(&header.fields)?;
+    let fields = metaimage::write::fields(&header.fields)?;
     nifti::write::header(header, &fields).map(|bytes| (bytes, None))
 }
 

@@ -24,10 +24,10 @@
 //! (inches, cm) is a setting that records do not carry; [`Status`] gives it.
 
 pub mod command;
-mod items;
 mod limits;
 mod list;
 mod pose;
+mod record;
 pub mod reply;
 mod unit;
 pub mod write;
@@ -151,7 +151,7 @@ fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut 
     let Some(bytes) = window.get(..layout.length()) else {
         return Parsed::Short;
     };
-    match items::read(bytes, layout, pose) {
+    match record::read(bytes, layout, pose) {
         Ok(()) => Parsed::Record { length: bytes.len(), record: () },
         Err(why) => Parsed::skip_byte(why),
     }

@@ -1,7 +1,7 @@
 //! Writes records and replies as a unit does, for virtual units and tests.
 
-use super::items::{PACKED_CM, PACKED_DEG, PACKED_UNIT};
 use super::list::{Entry, Item, Layout, Mode};
+use super::record::{PACKED_CM, PACKED_DEG, PACKED_UNIT};
 use super::reply::Status;
 use super::{Pose, STATIONS};
 

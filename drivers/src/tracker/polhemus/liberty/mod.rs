@@ -19,76 +19,19 @@
 pub mod command;
 mod limits;
 mod list;
+mod pose;
+mod record;
 mod unit;
 mod write;
 
 pub use command::Command;
 pub use limits::{HEADER, MOST_STATIONS};
 pub use list::{Item, LONGEST_BODY, Layout, MOST_ITEMS};
+pub use pose::{Header, Pose, Tag};
 pub use unit::{LibertyProtocol, Question, Unit, status_of};
 
 use crate::framing::{Format, Parsed, Refusal};
-use limits::{FARTHEST, FEWEST_REPLY_BYTES};
-
-/// Model of the unit: the first two bytes of each frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
-pub enum Tag {
-    /// `LY`: LIBERTY.
-    #[default]
-    Liberty,
-    /// `PA`: PATRIOT.
-    Patriot,
-    /// `LU`: Latus and LIBERTY HS, wireless.
-    Latus,
-}
-
-impl Tag {
-    /// Returns the two letters.
-    pub const fn bytes(self) -> [u8; 2] {
-        match self {
-            Self::Liberty => *b"LY",
-            Self::Patriot => *b"PA",
-            Self::Latus => *b"LU",
-        }
-    }
-
-    const fn from_bytes(bytes: [u8; 2]) -> Option<Self> {
-        match &bytes {
-            b"LY" => Some(Self::Liberty),
-            b"PA" => Some(Self::Patriot),
-            b"LU" => Some(Self::Latus),
-            _ => None,
-        }
-    }
-}
-
-/// Header of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Header {
-    /// Model.
-    pub tag: Tag,
-    /// Station, from 1.
-    pub station: u8,
-    /// The command that the frame answers: `C`, `P`, another letter, or 0x01 to 0x1A for a
-    /// control character.
-    pub command: u8,
-    /// Error code:
-    ///
-    /// - 0 or a blank: none.
-    /// - 0x01 to 0x18: error of the command.
-    /// - `a` to `g`: error of the source.
-    /// - `u`: outside the map.
-    /// - `A` to `G`: error of the source and the built-in test.
-    /// - `I`: error of the test.
-    pub error: u8,
-}
-
-impl Header {
-    /// Returns whether the unit reports no error.
-    pub fn is_well(&self) -> bool {
-        matches!(self.error, 0 | b' ')
-    }
-}
+use limits::FEWEST_REPLY_BYTES;
 
 /// A frame from the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,49 +44,6 @@ pub enum Record<'a> {
     Pose(Pose),
     /// An answer to a command.
     Reply(Reply<'a>),
-}
-
-/// A measurement of a station: the fields of the output list.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
-    /// Header, with the station.
-    pub header: Header,
-    /// Position in the unit that was set (inches by default, or cm).
-    pub position: Option<[f32; 3]>,
-    /// Azimuth, elevation, roll in degrees.
-    pub euler_deg: Option<[f32; 3]>,
-    /// Direction cosine matrix, row by row.
-    pub cosines: Option<[[f32; 3]; 3]>,
-    /// Quaternion w, x, y, z as sent, not normalised.
-    pub quaternion_wxyz: Option<[f32; 4]>,
-    /// The unit's clock in ms; wraps at 2³².
-    pub timestamp_ms: Option<u32>,
-    /// Frame number, which counts lost frames too; wraps at 2³².
-    pub frame_count: Option<u32>,
-    /// Stylus switch.
-    pub stylus: Option<i32>,
-    /// Distortion level, 0 to 2.
-    pub distortion: Option<i32>,
-    /// Flag of the external sync input.
-    pub external_sync: Option<i32>,
-}
-
-impl Pose {
-    /// Returns a pose without measurements.
-    pub const fn empty(header: Header) -> Self {
-        Self {
-            header,
-            position: None,
-            euler_deg: None,
-            cosines: None,
-            quaternion_wxyz: None,
-            timestamp_ms: None,
-            frame_count: None,
-            stylus: None,
-            distortion: None,
-            external_sync: None,
-        }
-    }
 }
 
 /// An answer to a command.
@@ -229,7 +129,7 @@ impl Liberty {
             return Parsed::Short;
         };
         match &self.layout {
-            Some(layout) if measured => match read(header, body, layout) {
+            Some(layout) if measured => match record::read(header, body, layout) {
                 Ok(pose) => Parsed::Record { length, record: Record::Pose(pose) },
                 Err(why) => Parsed::skip_byte(why),
             },
@@ -266,68 +166,6 @@ impl Liberty {
 
 const fn is_command(command: u8) -> bool {
     matches!(command, 0x01..=0x1a | b'A'..=b'Z' | b'a'..=b'z' | b'@')
-}
-
-#[inline]
-fn read(header: Header, body: &[u8], layout: &Layout) -> Result<Pose, Refusal> {
-    let mut pose = Pose::empty(header);
-    let mut rest = body;
-    for item in layout.items() {
-        match item {
-            Item::Space => exactly(&mut rest, *b" ")?,
-            Item::CrLf => exactly(&mut rest, *b"\r\n")?,
-            Item::Position | Item::PositionExtended => pose.position = Some(within(header, &mut rest, FARTHEST)?),
-            Item::Euler | Item::EulerExtended => pose.euler_deg = Some(within(header, &mut rest, 360.0)?),
-            Item::Cosines => {
-                pose.cosines = Some([unit(header, &mut rest)?, unit(header, &mut rest)?, unit(header, &mut rest)?]);
-            }
-            Item::Quaternion => pose.quaternion_wxyz = Some(unit(header, &mut rest)?),
-            Item::Timestamp => pose.timestamp_ms = Some(u32::from_le_bytes(array(&mut rest)?)),
-            Item::FrameCount => pose.frame_count = Some(u32::from_le_bytes(array(&mut rest)?)),
-            Item::Stylus => pose.stylus = Some(i32::from_le_bytes(array(&mut rest)?)),
-            Item::Distortion => pose.distortion = Some(i32::from_le_bytes(array(&mut rest)?)),
-            Item::ExternalSync => pose.external_sync = Some(i32::from_le_bytes(array(&mut rest)?)),
-        }
-    }
-    Ok(pose)
-}
-
-#[inline(always)]
-fn array<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
-    let (first, after) = rest.split_first_chunk().ok_or(Refusal::Length)?;
-    *rest = after;
-    Ok(*first)
-}
-
-#[inline(always)]
-fn exactly<const N: usize>(rest: &mut &[u8], what: [u8; N]) -> Result<(), Refusal> {
-    if array(rest)? == what { Ok(()) } else { Err(Refusal::Field) }
-}
-
-#[inline(always)]
-fn numbers<const N: usize>(rest: &mut &[u8]) -> Result<[f32; N], Refusal> {
-    let mut values = [0.0; N];
-    for value in &mut values {
-        *value = f32::from_le_bytes(array(rest)?);
-    }
-    Ok(values)
-}
-
-#[inline(always)]
-fn within(header: Header, rest: &mut &[u8], limit: f32) -> Result<[f32; 3], Refusal> {
-    let values = numbers(rest)?;
-    // This form also refuses NaN.
-    let good = values.iter().all(|value| value.abs() < limit);
-    if good || !header.is_well() { Ok(values) } else { Err(Refusal::Range) }
-}
-
-/// Reads a vector of length 1, within 2 %.
-#[inline(always)]
-fn unit<const N: usize>(header: Header, rest: &mut &[u8]) -> Result<[f32; N], Refusal> {
-    let values = numbers(rest)?;
-    let square = values.iter().fold(0.0, |sum, &value| sum + f64::from(value) * f64::from(value));
-    let good = (0.98 * 0.98..=1.02 * 1.02).contains(&square);
-    if good || !header.is_well() { Ok(values) } else { Err(Refusal::Range) }
 }
 
 impl Format for Liberty {

@@ -10,7 +10,7 @@ use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 use crate::image::sequence_header::SequenceHeader;
 use crate::image::spacing;
 use crate::image::volume_header::VolumeHeader;
-use crate::image::write::text::{Style, Text, taken};
+use crate::image::write::header::{Style, Text, taken};
 
 /// PLUS uses this name for the image status in NRRD, and reads no other.
 static STYLE: Style =

@@ -8,7 +8,7 @@ use memmap2::{MmapOptions, MmapRaw};
 use v4l::sys as abi;
 use v4l::v4l2::vidioc;
 
-use super::kernel::{CAPTURE, Node, zeroed};
+use super::system_calls::{CAPTURE, Node, zeroed};
 
 const MAPPED: u32 = abi::v4l2_memory_V4L2_MEMORY_MMAP;
 

@@ -15,7 +15,7 @@ use sync::pairing::timed::{Answered, FrameTime, TimedPairing, Unplaced};
 
 use super::common::Common;
 use super::event::{ADVANCE_EVERY_NS, CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent};
-use super::insert::{InsertMessage, Posed, Times};
+use super::insertion_thread::{InsertMessage, Posed, Times};
 use super::stuck::StuckDetector;
 use super::turns::Stage;
 use super::zones::Guard;

@@ -14,8 +14,8 @@ use super::common::Common;
 use super::device::{DeviceRole, SessionDevice};
 use super::priority::{Role, SchedulingPolicy};
 use super::sequencer::EventSequencer;
+use super::spawn::{joined, spawn};
 use super::status::StatusCollector;
-use super::threads::{joined, spawn};
 use super::turns::Stage;
 use crate::trace::STAGE;
 

@@ -72,37 +72,4 @@ impl SessionWriter {
             self.account.stored += self.waiting.pop_front().unwrap_or(0);
         }
     }
-
-    /// Writes complete pieces, unless a write failed just before.
-    pub(super) fn commit(&mut self, now_ns: i64) -> Result<(), Error> {
-        let is_stuck = !self.account.trouble.is_empty();
-        let mut buffer = self.tail.buffer();
-        if is_stuck && now_ns < self.retry_ns || buffer.len() == buffer.unfinished() {
-            return Ok(());
-        }
-        let done = buffer.commit();
-        let stored = buffer.stored();
-        drop(buffer);
-        self.count_stored();
-        self.rate.note(now_ns, stored);
-        match done {
-            Ok(()) if is_stuck => {
-                tracing::warn!("{}: is written again", self.path.display());
-                let written = self.write_losses(now_ns);
-                self.account.trouble.clear();
-                written
-            }
-            Ok(()) => Ok(()),
-            Err(source) => {
-                self.retry_ns = now_ns + self.options.retry_ns;
-                let error = self.failed("writing the session (it is whole up to here, and tried again)", source);
-                if is_stuck {
-                    return Ok(());
-                }
-                self.account.trouble = error.to_string();
-                self.account.failures += 1;
-                Err(error)
-            }
-        }
-    }
 }

@@ -1,5 +1,5 @@
 //! The kernel interface of V4L2: one safe method per system call, with plain values. All `unsafe`
-//! code of the driver is in this file and in `stream`.
+//! code of the driver is in this file and in `buffers`.
 //!
 //! Numbers that are newer than the kernel's headers, or that a driver invents, are passed on
 //! unchanged. Nothing here is matched against a closed list, and names need not be UTF-8. The

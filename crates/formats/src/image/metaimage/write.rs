@@ -9,7 +9,7 @@ use crate::image::sequence::{IMAGE_TYPE, ORIENTATION};
 use crate::image::sequence_header::SequenceHeader;
 use crate::image::spacing;
 use crate::image::volume_header::VolumeHeader;
-use crate::image::write::text::{SIZE_DIGITS, Style, Text, taken};
+use crate::image::write::header::{SIZE_DIGITS, Style, Text, taken};
 
 static STYLE: Style =
     Style { grammar: &GRAMMAR, separator: " = ", reserved: '=', image_status: "ImageStatus", escape: str::to_owned };
