@@ -62,8 +62,11 @@ fn console_takes_next_port_and_opens_in_browser() {
     assert!(run.stderr.contains("port 9110 is in use") && !url.contains(":9110/"), "{}", run.stderr);
     assert!(run.stderr.contains(&format!("there is no display here; open {url} in a browser")), "{}", run.stderr);
     assert!(!place.path("opened").exists());
+    // Other tests' programs take ports beside it: which one is free may have changed.
     let run = demo(":0");
-    assert_eq!((run.code, says(&run.stderr)), (0, Some(url.clone())), "{}", run.stderr);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let url = says(&run.stderr).unwrap();
+    assert!(!url.contains(":9110/"), "{}", run.stderr);
     assert_eq!(String::from_utf8(place.get("opened")).unwrap().trim(), url);
     drop(taken);
 }
