@@ -1,7 +1,7 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
-	console-test pictures reach console-cost console-reach paper pareto numbers deb deb-test release \
+	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
 	release-test deny book fresh-machine
 
 # All targets that test select the same packages. Other selections give dependencies other features,
@@ -134,6 +134,12 @@ SECONDS_60 ?= 120
 reach: setup
 	SECONDS_30=$(SECONDS_30) SECONDS_60=$(SECONDS_60) scripts/reach.sh
 	$(NUMBERS) record reach out/reach/figures.json --command "make reach" --sources $(SESSION)
+
+# Measures insertion in live sessions of a virtual arm by both paths. Nothing else should
+# run meanwhile.
+arm-session: setup
+	scripts/arm-session.sh
+	$(NUMBERS) record arm-session out/arm-session/figures.json --command "make arm-session" --sources $(SESSION)
 
 # Measures the cost of the console to a session: losses and times of the same session with and
 # without pages, hidden pages and bad clients, SECONDS_EACH, the last in ROUNDS alternating rounds.
