@@ -207,10 +207,13 @@ fn example_of_arm_replays_and_matches_truth() {
     assert!(moving.len() > 30 && 5 * moving.len() > 4 * placed.len(), "{} of {}", moving.len(), placed.len());
     let (mut farthest, mut beyond) = (0.0_f64, f64::MIN);
     for posed in moving {
-        // The true pose that is nearest within 30 ms: the pose lies on the true path, whatever its
-        // time is.
-        let near = (-300..=300).map(|step| truth.off_mm(&posed.world_from_image, posed.at_ns + step * 100_000));
-        farthest = farthest.max(near.fold(f64::INFINITY, f64::min));
+        // The true pose that is nearest within 200 ms: the pose lies on the true path, whatever its
+        // time is. On a busy machine times are wrong by tens of milliseconds, and say so.
+        let off = |at_ns: i64| truth.off_mm(&posed.world_from_image, at_ns);
+        let near = (-200..=200).map(|step| posed.at_ns + step * MS);
+        let near = near.min_by(|one, other| off(*one).total_cmp(&off(*other))).unwrap();
+        let nearest = (-10..=10).map(|step| off(near + step * MS / 10)).fold(f64::INFINITY, f64::min);
+        farthest = farthest.max(nearest);
         beyond = beyond.max(truth.off_mm(&posed.world_from_image, posed.at_ns) - posed.error_mm);
     }
     assert!(farthest < resolution && beyond < resolution, "{farthest} {beyond} {resolution}");
