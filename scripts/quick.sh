@@ -53,7 +53,7 @@ check() {
     # shellcheck disable=SC2086 # options are words
     cargo clippy $selected --tests --locked -- -D warnings
     # shellcheck disable=SC2086
-    cargo test $selected $targets --locked
+    scripts/test.sh $selected $targets --locked
 }
 
 checked=

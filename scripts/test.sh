@@ -6,6 +6,7 @@
 #   scripts/test.sh CARGO-OPTIONS…
 #
 # The options select the packages. Every test program of theirs is run, and all documentation tests.
+# With --lib or --bins only unit tests are.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -56,19 +57,21 @@ else
 fi
 EOF
 chmod +x "$logs/run"
+docs=yes
+case " $* " in *" --lib "* | *" --bins "*) docs= ;; esac
 # Their tests mostly wait, many at a time.
 waiting='/(live|console|igtl|listener|steady|damage|fuzz_corpus|session)-[0-9a-f]*$'
-grep -E "$waiting" "$logs/programs" >"$logs/waiting"
+grep -E "$waiting" "$logs/programs" >"$logs/waiting" || true
 {
     # The longest first, so that nothing waits for it at the end.
     for name in cli calibration stress recordings; do grep -E "/$name-[0-9a-f]*$" "$logs/programs" || true; done
-    echo "documentation $PWD doc $(printf '"%s"' "$*")"
-    grep -Ev "$waiting|/(cli|recordings|stress|calibration)-[0-9a-f]*$" "$logs/programs"
+    [ -z "$docs" ] || echo "documentation $PWD doc $(printf '"%s"' "$*")"
+    grep -Ev "$waiting|/(cli|recordings|stress|calibration)-[0-9a-f]*$" "$logs/programs" || true
 } >"$logs/order"
-RUST_TEST_THREADS=8 xargs -L 1 "$logs/run" <"$logs/waiting" &
+RUST_TEST_THREADS=8 xargs -r -L 1 "$logs/run" <"$logs/waiting" &
 waited=$!
 code=0
-xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
+xargs -r -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
 wait "$waited" || code=$?
 [ $code -eq 0 ] || {
     echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p PACKAGE --test NAME" >&2
@@ -76,4 +79,4 @@ wait "$waited" || code=$?
 }
 skipped=$(cat "$logs"/*.ignored | grep -c '' || true)
 names=$(sort -u "$logs"/*.names | paste -sd, | sed 's/,/, /g')
-echo "test: $count programs and the documentation passed in $(($(date +%s) - began)) s; $skipped tests were skipped${names:+: $names}"
+echo "test: $count programs${docs:+ and the documentation} passed in $(($(date +%s) - began)) s; $skipped tests were skipped${names:+: $names}"
