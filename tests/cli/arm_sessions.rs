@@ -207,8 +207,9 @@ fn example_of_arm_replays_and_matches_truth() {
     assert!(moving.len() > 30 && 5 * moving.len() > 4 * placed.len(), "{} of {}", moving.len(), placed.len());
     let (mut farthest, mut beyond) = (0.0_f64, f64::MIN);
     for posed in moving {
+        assert!(posed.error_mm.is_finite(), "a pose states no error of its time");
         // The true pose that is nearest within 200 ms: the pose lies on the true path, whatever its
-        // time is. On a busy machine times are wrong by tens of milliseconds, and say so.
+        // time is.
         let off = |at_ns: i64| truth.off_mm(&posed.world_from_image, at_ns);
         let near = (-200..=200).map(|step| posed.at_ns + step * MS);
         let near = near.min_by(|one, other| off(*one).total_cmp(&off(*other))).unwrap();
