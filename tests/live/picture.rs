@@ -66,7 +66,8 @@ fn stuck_viewer_delays_no_slice_and_skips_are_counted() {
     // Each slice is rendered by itself or with a later one.
     assert_eq!(drawn.pictures + drawn.skipped, COUNT, "{} {}", drawn.pictures, drawn.skipped);
     assert!(drawn.skipped >= 29, "{}", drawn.skipped);
-    assert_eq!(drawn.held.quantiles().unwrap().count, drawn.pictures);
+    // The volume is read at least once for each picture, and more often if it is read in parts.
+    assert!(drawn.held.quantiles().unwrap().count >= drawn.pictures);
     println!("held {:?}, drawn {:?}", drawn.held.quantiles(), drawn.draw.quantiles());
 }
 

@@ -154,7 +154,7 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
     let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn ViewClient>), ..set };
     let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
     let inserted = finished.status.ledger.frames.used;
-    assert!(live.slices().len() > 5 && live.slices().last() == Some(&inserted), "{:?}", live.slices());
+    assert!(live.slices().len() > 1 && live.slices().last() == Some(&inserted), "{:?}", live.slices());
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
         let (_, decisions) = again(&disk, WAIT, pace, false, |session, _| {

@@ -61,12 +61,13 @@ impl Moving {
         stream
     }
 
-    /// Checks that the stage was never delayed. The limit is far longer than publishing takes,
-    /// and far shorter than anything else in the test.
+    /// Checks that the stage was never delayed. The limit is far longer than publishing takes, on a
+    /// loaded machine too, and shorter than [`SENDING`], for which a client that reads nothing
+    /// holds up its own connection.
     fn was_not_held_up(self) {
         self.ends.store(true, Ordering::Relaxed);
         let longest = self.scanner.join().unwrap();
-        assert!(longest < Duration::from_millis(300), "{longest:?}");
+        assert!(longest < Duration::from_secs(2), "{longest:?}");
     }
 }
 

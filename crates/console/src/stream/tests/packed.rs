@@ -2,6 +2,10 @@
 
 use super::*;
 
+/// A page's answer with this time of its own counts as fast, on a loaded machine too: all of the
+/// time is the page's, none is the line's.
+const OWN_MS: u64 = 600_000;
+
 /// Opens a page that views the B-mode image, frame 0.
 fn viewing(session: &Session) -> Client {
     let mut page = session.page();
@@ -20,8 +24,8 @@ fn slow_pages_get_shared_jpegs_until_fast_again() {
     let subscription = json!({ "do": "show", "slice": true, "view": false });
     pages.iter_mut().for_each(|page| page.say(&subscription));
     let mut shown = 0;
-    // Sends a picture to all pages. The first answers at once, the others after `late` ms.
-    let mut round = |late: u64| {
+    // Sends a picture to all pages. The first answers fast, the others after 200 ms or fast.
+    let mut round = |late: bool| {
         shown += 1;
         until("all look", || {
             session.shows(shown);
@@ -29,10 +33,11 @@ fn slow_pages_get_shared_jpegs_until_fast_again() {
         });
         let pictures = pages.each_mut().map(Client::picture);
         for (n, (page, picture)) in pages.iter_mut().zip(&pictures).enumerate() {
-            if n == 1 {
-                std::thread::sleep(Duration::from_millis(late));
+            if n == 1 && late {
+                std::thread::sleep(Duration::from_millis(200));
             }
-            page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(picture) }));
+            let own = if n > 0 && late { 0 } else { OWN_MS };
+            page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(picture), "had_ms": own }));
         }
         // The answers reach the server before the next picture does.
         std::thread::sleep(Duration::from_millis(20));
@@ -41,17 +46,18 @@ fn slow_pages_get_shared_jpegs_until_fast_again() {
     let [raw, jpeg] = [(0, false), (2, true)];
     // All pages are subscribed once each has received a picture.
     std::thread::sleep(Duration::from_millis(300));
-    // The second to the sixth late answer take a second.
-    for _ in 0..6 {
-        assert_eq!(round(200), [raw; 3]);
-    }
-    assert_eq!(round(200), [raw, jpeg, jpeg]);
+    // At most eight late answers take a second. The two pages' answers may be a round apart.
+    let late: Vec<_> = (0..10).map(|_| round(true)).take_while(|kinds| *kinds != [raw, jpeg, jpeg]).collect();
+    assert!((3..10).contains(&late.len()), "{late:?}");
+    assert!(late[..3].iter().all(|kinds| *kinds == [raw; 3]), "{late:?}");
+    assert!(late.iter().all(|kinds| kinds[0] == raw), "{late:?}");
     let counts = session.console.counts();
-    assert_eq!(Counts::of(&counts.pictures_packed), 1, "once for both");
-    let rounds = (0..600).position(|_| round(0) == [raw; 3]);
+    let apart = late.iter().filter(|kinds| kinds.contains(&jpeg)).count() as u64;
+    assert_eq!(Counts::of(&counts.pictures_packed), apart + 1, "once for both");
+    let rounds = (0..600).position(|_| round(false) == [raw; 3]);
     assert!(rounds.is_some_and(|rounds| (25..200).contains(&rounds)), "{rounds:?}");
     let before = Counts::of(&counts.pictures_packed);
-    (0..5).for_each(|_| assert_eq!(round(0), [raw; 3]));
+    (0..5).for_each(|_| assert_eq!(round(false), [raw; 3]));
     assert_eq!(Counts::of(&counts.pictures_packed), before, "nobody wants any");
 }
 
@@ -70,15 +76,15 @@ fn last_jpeg_is_followed_by_lossless_picture() {
         picture
     };
     while next(&mut page, 200)[1] == 0 {}
-    // The last one is answered at once, and nothing follows it.
+    // The last one is answered fast, and nothing follows it.
     let last = page.picture();
-    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&last) }));
     let begun = Instant::now();
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&last), "had_ms": OWN_MS }));
     let again = page.picture();
     assert!(begun.elapsed() > Duration::from_millis(800), "{:?}", begun.elapsed());
     assert_eq!((last[1], again[1], sequence(&again)), (2, 0, sequence(&last)));
     assert_eq!(again[2] & 2, 2, "when it was captured tells nothing of the line");
-    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&again) }));
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&again), "had_ms": OWN_MS }));
     session.shows(99);
     assert_eq!(page.picture()[1], 2, "the next one is packed as before");
 }
@@ -87,13 +93,12 @@ fn last_jpeg_is_followed_by_lossless_picture() {
 fn page_slow_by_itself_gets_lossless_pictures() {
     let session = Session::new();
     let mut page = viewing(&session);
-    // The page had the picture for most of the 200 ms: decoding a JPEG would make it slower
-    // still.
+    // The page had the picture for all of the 200 ms: decoding a JPEG would make it slower still.
     for shown in 1..10 {
         let picture = page.picture();
         assert_eq!(picture[1], 0);
         std::thread::sleep(Duration::from_millis(200));
-        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture), "had_ms": 190 }));
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture), "had_ms": OWN_MS }));
         std::thread::sleep(Duration::from_millis(20));
         session.shows(shown);
     }
@@ -104,25 +109,30 @@ fn page_slow_by_itself_gets_lossless_pictures() {
 fn slow_line_is_probed_and_static_picture_sent_lossless() {
     let session = Session::new();
     let mut page = viewing(&session);
-    let mut answered = |late: u64| {
+    // Answers the next picture after 200 ms or fast; returns its kind, number and time of answer.
+    let mut answered = |late: bool| {
         let picture = page.picture();
-        std::thread::sleep(Duration::from_millis(late));
-        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture) }));
+        if late {
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        let begun = Instant::now();
+        let own = if late { 0 } else { OWN_MS };
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture), "had_ms": own }));
         std::thread::sleep(Duration::from_millis(20));
-        (picture[1], sequence(&picture))
+        (picture[1], sequence(&picture), begun)
     };
-    // The last one is answered late, too. It is sent again unchanged and answered at once; then
-    // it is sent lossless.
+    // The last one is answered late, too. It is sent again unchanged and answered fast; then it is
+    // sent lossless.
     let mut shown = 0;
-    let (kind, last) = loop {
-        let picture = answered(200);
-        if picture.0 == 2 {
-            break picture;
+    let (last, begun) = loop {
+        let (kind, last, begun) = answered(true);
+        if kind == 2 {
+            break (last, begun);
         }
         shown += 1;
         session.shows(shown);
     };
-    let begun = Instant::now();
-    assert_eq!([(kind, last), answered(0), answered(0)], [(2, last), (2, last), (0, last)]);
-    assert!(begun.elapsed() > Duration::from_millis(4500), "{:?}", begun.elapsed());
+    let [again, lossless] = [answered(false), answered(false)];
+    assert_eq!([(again.0, again.1), (lossless.0, lossless.1)], [(2, last), (0, last)]);
+    assert!(lossless.2 - begun > Duration::from_millis(4500), "{:?}", lossless.2 - begun);
 }
