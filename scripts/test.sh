@@ -74,7 +74,7 @@ code=0
 xargs -r -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
 wait "$waited" || code=$?
 [ $code -eq 0 ] || {
-    echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p PACKAGE --test NAME, or --lib" >&2
+    echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p sonoweave -p PACKAGE --test NAME, or --lib" >&2
     exit 1
 }
 skipped=$(cat "$logs"/*.ignored | grep -c '' || true)

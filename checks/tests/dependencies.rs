@@ -4,6 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::process::Command;
 
 use cargo_metadata::MetadataCommand;
 use cargo_metadata::semver::{Version, VersionReq};
@@ -212,4 +213,26 @@ fn each_breach_of_policy_is_found() {
     let want =
         ["other 1.0.0", "both 1.0.0", "silent 1.0.0", "bad 1.0.0", "away 1.0.0", "three", "one@1", "A-1", "left"];
     assert_eq!(begins, want, "{found:#?}");
+}
+
+/// Every package of a selection with its features, for tests.
+fn features(selection: &[&str]) -> BTreeSet<String> {
+    let tree = ["tree", "--locked", "--edges", "normal,build,dev", "--prefix", "none"];
+    let mut command = Command::new(env!("CARGO"));
+    let tree = command.current_dir(root()).args(tree).args(["--format", "{p} [{f}]"]).args(selection);
+    let output = tree.output().expect("cargo tree");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).expect("text");
+    text.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
+#[test]
+fn tests_of_one_crate_share_the_build_of_all() {
+    let all = features(&["--workspace", "--exclude", "sonoweave-figures"]);
+    let metadata = MetadataCommand::new().current_dir(root()).no_deps().exec().expect("cargo metadata");
+    for member in metadata.packages.iter().filter(|member| *member.name != "sonoweave-figures") {
+        let one = features(&["-p", "sonoweave", "-p", &member.name]);
+        let different: Vec<_> = one.difference(&all).collect();
+        assert!(one.len() > 100 && different.is_empty(), "{} is built again with {different:?}", member.name);
+    }
 }
