@@ -104,6 +104,7 @@ pub struct Finder {
     size: [usize; 2],
     moving: Vec<f32>,
     reduced: Vec<f32>,
+    /// Column by column: lines are summed along columns.
     outstanding: Vec<f32>,
     sums: Vec<f32>,
 }
@@ -179,14 +180,14 @@ impl Finder {
                 };
                 let ((near, n), (all, m)) = (mean(INNER), mean(OUTER));
                 let beside = (all - near) / (m - n).max(1.0);
-                self.outstanding[v * width + u] = (near / n - beside).max(0.0).sqrt();
+                self.outstanding[u * height + v] = (near / n - beside).max(0.0).sqrt();
             }
         }
     }
 
     /// Returns the line of the greatest sum: its row in the middle column, and its slope.
     fn best_shear(&mut self) -> Option<(f64, f64)> {
-        let [width, height] = self.size;
+        let [width, height] = self.size.map(|side| side as i64);
         let centre = 0.5 * (width as f64 - 1.0);
         // Neighbouring slopes differ by a row at the frame's sides.
         let steps = (STEEPEST * centre).ceil() as i32;
@@ -194,12 +195,12 @@ impl Finder {
         for step in -steps..=steps {
             let slope = f64::from(step) / centre.max(1.0);
             self.sums.fill(0.0);
-            for u in 0..width {
+            for (u, column) in self.outstanding.chunks_exact(self.size[1].max(1)).enumerate() {
                 let shift = (slope * (u as f64 - centre)).round() as i64;
-                let from = (-shift).clamp(0, height as i64) as usize;
-                let to = (height as i64 - shift).clamp(0, height as i64) as usize;
-                for middle in from..to.max(from) {
-                    self.sums[middle] += self.outstanding[(middle as i64 + shift) as usize * width + u];
+                let (from, to) = ((-shift).max(0), (height - shift).min(height));
+                if from < to {
+                    let [sums, values] = [0, shift].map(|by| (from + by) as usize..(to + by) as usize);
+                    self.sums[sums].iter_mut().zip(&column[values]).for_each(|(sum, value)| *sum += value);
                 }
             }
             for (middle, sum) in self.sums.iter().enumerate() {
@@ -216,12 +217,11 @@ impl Finder {
         let [width, height] = self.size;
         let centre = 0.5 * (width as f64 - 1.0);
         let (mut lit, mut on) = (0.0, 0.0);
-        for u in 0..width {
+        for (u, column) in self.outstanding.chunks_exact(height).enumerate() {
             let (mut brightest, mut at) = (0.0_f32, None);
-            for v in 0..height {
-                let value = self.outstanding[v * width + u];
-                if value > brightest {
-                    (brightest, at) = (value, Some(v));
+            for (v, value) in column.iter().enumerate() {
+                if *value > brightest {
+                    (brightest, at) = (*value, Some(v));
                 }
             }
             let Some(at) = at else { continue };

@@ -111,3 +111,39 @@ fn distance_below_point_is_signed() {
     let steep = Line { direction: DVec2::new(1.0, 1.0).normalize(), ..line };
     assert!((steep.angle_deg() - 45.0).abs() < 1e-12);
 }
+
+/// [`Finder::best_shear`] one pixel at a time.
+fn plain_best_shear(finder: &Finder) -> Option<(f64, f64)> {
+    let [width, height] = finder.size;
+    let centre = 0.5 * (width as f64 - 1.0);
+    let steps = (STEEPEST * centre).ceil() as i32;
+    let mut best = (0.0, None);
+    for slope in (-steps..=steps).map(|step| f64::from(step) / centre.max(1.0)) {
+        for middle in 0..height {
+            let mut sum = 0.0_f32;
+            for u in 0..width {
+                let v = middle as f64 + (slope * (u as f64 - centre)).round();
+                if (0.0..height as f64).contains(&v) {
+                    sum += finder.outstanding[u * height + v as usize];
+                }
+            }
+            if sum > best.0 {
+                best = (sum, Some((middle as f64, slope)));
+            }
+        }
+    }
+    best.1
+}
+
+#[test]
+fn best_line_equals_plain_search_in_frames_of_any_shape() {
+    let mut random = Random::new(9);
+    for size in [[WIDTH, HEIGHT], [600, 40], [40, 600], [7, 7], [1, 300], [300, 1]] {
+        let mut pixels = || -> Vec<u8> { (0..size[0] * size[1]).map(|_| (255.0 * random.uniform()) as u8).collect() };
+        let (still, pixels) = (pixels(), pixels());
+        let mut finder = Finder::new(Still::new(&GreyView::packed(size, &still).unwrap()));
+        // Noise shows no floor; the best line is found before that is decided.
+        assert!(finder.find(&GreyView::packed(size, &pixels).unwrap()).is_err(), "{size:?}");
+        assert_eq!(finder.best_shear(), plain_best_shear(&finder), "{size:?}");
+    }
+}
