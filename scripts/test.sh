@@ -58,7 +58,9 @@ fi
 EOF
 chmod +x "$logs/run"
 docs=yes
-case " $* " in *" --lib "* | *" --bins "*) docs= ;; esac
+side_by_side=1
+# Unit tests compute little, so that two programs that wait are run side by side.
+case " $* " in *" --lib "* | *" --bins "*) docs= side_by_side=2 ;; esac
 # Their tests mostly wait, many at a time.
 waiting='/(live|console|igtl|listener|steady|damage|fuzz_corpus|session)-[0-9a-f]*$'
 grep -E "$waiting" "$logs/programs" >"$logs/waiting" || true
@@ -68,7 +70,7 @@ grep -E "$waiting" "$logs/programs" >"$logs/waiting" || true
     [ -z "$docs" ] || echo "documentation $PWD doc $(printf '"%s"' "$*")"
     grep -Ev "$waiting|/(cli|recordings|stress|calibration)-[0-9a-f]*$" "$logs/programs" || true
 } >"$logs/order"
-RUST_TEST_THREADS=8 xargs -r -L 1 "$logs/run" <"$logs/waiting" &
+RUST_TEST_THREADS=8 xargs -r -P "$side_by_side" -L 1 "$logs/run" <"$logs/waiting" &
 waited=$!
 code=0
 xargs -r -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
