@@ -59,7 +59,8 @@ EOF
 chmod +x "$logs/run"
 docs=yes
 side_by_side=1
-# Unit tests compute little, so that two programs that wait are run side by side.
+# With unit tests alone, two programs that wait are run side by side. Those of the console and of
+# OpenIGTLink would otherwise be the last to end.
 case " $* " in *" --lib "* | *" --bins "*) docs= side_by_side=2 ;; esac
 # Their tests mostly wait, many at a time.
 waiting='/(live|console|igtl|listener|steady|damage|fuzz_corpus|session)-[0-9a-f]*$'
