@@ -13,7 +13,7 @@ test("axe-core finds nothing wrong, on a desk and on a tablet, with the help ope
     const seen = await open(address, { size });
     const { page } = seen;
     await drawn(page, "view", 2);
-    await says(page, "All is well", 60_000);
+    await says(page, "All is well");
     assert.deepEqual(await audit(page), [], name);
     const notice = page.locator("#notice");
     assert.equal(await notice.innerText(), "For research. Not a medical device. Not for diagnosis or treatment.");
@@ -42,7 +42,7 @@ test("every control is reached by Tab, in the order in which it is read, is seen
   await steers(page, true);
   assert.equal(await page.evaluate(() => document.activeElement.id), "view", "the view's keys act at once");
   // The available commands are known with the first status message.
-  await page.waitForFunction(() => !document.querySelector("[data-command=save]").disabled, null, { timeout: 20_000 });
+  await page.waitForFunction(() => !document.querySelector("[data-command=save]").disabled);
   const wanted = await page.evaluate(() => {
     const all = [...document.querySelectorAll("button, [tabindex='0']")].filter((element) => element.checkVisibility() && !element.disabled && !element.closest("dialog"));
     return all.map((element) => element.id || element.textContent);
@@ -94,7 +94,7 @@ test("what is spoken does not chatter", async () => {
   const { address } = await shared();
   const seen = await open(address);
   const { page } = seen;
-  await says(page, "All is well", 60_000);
+  await says(page, "All is well");
   const live = await page.evaluate(() => [...document.querySelectorAll("[aria-live], [role=status], [role=alert], [role=log]")].map(({ id }) => id));
   // `settings-says` is in a dialog, and reports wrong settings.
   assert.deepEqual(live, ["announcer", "settings-says"]);

@@ -9,7 +9,7 @@ import { audit, banner, difference, drawn, greys, measured, open, says, shot, st
 import { Session } from "./session.js";
 
 const button = (page, name) => page.getByRole("button", { name, exact: true });
-const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout: 60_000 });
+const until = (page, is, ...with_) => page.waitForFunction(is, with_);
 const slices = async (page) => (await measured(page)).account.volume?.slices ?? 0;
 const phase = (page, name) => until(page, ([name]) => window.sonoweave.account?.desk.phase === name, name);
 const happened = (page, what) => until(page, ([what]) => window.sonoweave.account.desk.events.some(({ says }) => says.includes(what)), what);

@@ -42,7 +42,7 @@ export async function markLegs(page) {
   const asked = await page.evaluate((z) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at: [0, 28, z] }) }).then(async (answer) => [answer.status, await answer.text()]), LEGS_Z);
   assert.equal(asked[0], 200, asked[1]);
   // Voxels may be some millimetres wide.
-  await page.waitForFunction((z) => Math.abs(window.sonoweave.planes.told[3].origin[2] - z) <= window.sonoweave.planes.told[3].voxel_mm, LEGS_Z, { timeout: 10_000 });
+  await page.waitForFunction((z) => Math.abs(window.sonoweave.planes.told[3].origin[2] - z) <= window.sonoweave.planes.told[3].voxel_mm, LEGS_Z);
   await page.waitForTimeout(500);
   const [left, right] = await legs(page);
   assert.ok(left[2] > 40 && right[2] > 40, `both legs are seen: ${left} ${right}`);

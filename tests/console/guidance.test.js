@@ -26,6 +26,19 @@ const TOO_FAST = {
   slices: 100,
   pictures: 30,
 };
+const GOOD = {
+  spacing: { gapless_mm: 5.15, even_mm: 2.35 },
+  speed: {
+    verdict: "good", says: "good: 18 mm/s", mm_per_s: 17, across_mm_per_s: 16, edge_mm_per_s: 18,
+    slices_per_s: 30, gapless_mm_per_s: 155, even_mm_per_s: 71, images_per_cm: 17,
+  },
+  holes: { open: 0, closed: 0, beyond: 0, forgotten: 0, widest_mm: 0, nearest: null, points: 0 },
+  contact: "there",
+  sensors: [],
+  advice: [],
+  slices: 100,
+  pictures: 30,
+};
 const HOLES = [[[100, 120], [200, 110], [210, 260], [110, 270]], [[230, 120], [300, 110], [310, 260], [240, 270]]];
 const PRESENT = [[320, 120], [420, 110], [430, 260], [330, 270]];
 
@@ -49,18 +62,27 @@ async function guided({ coach, holes, size = SIZES.desk }) {
   return seen;
 }
 
-const vital = (page, words) => page.locator("#guidance-vital", { hasText: words }).waitFor({ timeout: 30_000 });
+const vital = (page, words) => page.locator("#guidance-vital", { hasText: words }).waitFor();
 
-test("a sweep at a good speed is told as one, and the present slice is marked where the view is", async () => {
-  const { page, complaints } = await guided({});
-  await drawn(page, "view", 1, 60_000);
-  await vital(page, /✓ good · \d+ mm\/s/);
-  assert.match(await page.locator("#guidance-gauge").getAttribute("aria-label"), /good: \d+ mm\/s; even up to \d+ mm\/s, without gaps up to \d+ mm\/s/);
-  assert.match(await page.locator("#guidance-facts").innerText(), /images\/cm/);
-  assert.match(await page.locator(".card.guidance").innerText(), /Nothing|nothing/);
+test("a sweep at a good speed is told as one", async () => {
+  const { page, complaints } = await guided({ coach: GOOD });
+  await vital(page, "✓ good · 18 mm/s");
+  assert.equal(await page.locator("#guidance-gauge").getAttribute("aria-label"), "Speed across the picture: good: 18 mm/s; even up to 71 mm/s, without gaps up to 155 mm/s");
+  assert.match(await page.locator("#guidance-facts").innerText(), /17 images\/cm[^]*nothing\s+left out/);
   const needle = await page.locator("#guidance-gauge .needle").boundingBox();
   const even = await page.locator("#guidance-gauge .even").boundingBox();
   assert.ok(needle.x + needle.width / 2 <= even.x + even.width + 1, "the needle is in the zone that is good");
+  assert.deepEqual(complaints, []);
+  await shot(page, "guidance-good");
+});
+
+// A slow machine leaves pictures out, so that any verdict may be the true one.
+test("the session's own speed is told, and the present slice is marked where the view is", async () => {
+  const { page, complaints } = await guided({});
+  await drawn(page, "view", 1);
+  await vital(page, /[a-z] · \d+ mm\/s/);
+  assert.match(await page.locator("#guidance-gauge").getAttribute("aria-label"), /\d+ mm\/s/);
+  assert.match(await page.locator("#guidance-facts").innerText(), /images\/cm/);
   await page.locator("#view-marks .present").waitFor({ state: "attached" });
   const [marks, view] = await Promise.all(["#view-marks", "#view"].map((id) => page.locator(id).boundingBox()));
   assert.deepEqual(marks, view);
@@ -70,9 +92,9 @@ test("a sweep at a good speed is told as one, and the present slice is marked wh
   assert.equal(corners.length, 8);
   // It lies in the picture, or hardly beside it.
   assert.ok(corners.every((place, n) => place > -0.5 * [width, height][n % 2] && place < 1.5 * [width, height][n % 2]), path);
-  assert.ok(await page.locator("#view-legend").isHidden());
+  const [hidden, left] = await page.evaluate(() => [document.querySelector("#view-legend").hidden, document.querySelectorAll("#view-marks .hole").length]);
+  assert.equal(hidden, left === 0, "the legend is there when a mark needs it");
   assert.deepEqual(complaints, []);
-  await shot(page, "guidance-good");
 });
 
 test("what is too fast is said at the top, large on the card, and beside the zone that is good", async () => {

@@ -25,7 +25,7 @@ test("a lost connection is said, and found again", async (t) => {
 
   const again = await Session.begin(port);
   const began = Date.now();
-  await page.waitForFunction(() => window.sonoweave.connected, null, { timeout: 15_000 });
+  await page.waitForFunction(() => window.sonoweave.connected);
   t.diagnostic(`found again ${Date.now() - began} ms after the session was back`);
   await drawn(page, "slice", 5);
   assert.ok((await measured(page)).pictures.slice.drawn > before);

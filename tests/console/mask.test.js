@@ -15,7 +15,7 @@ cpSync(PAGE, join(OUT, "page"), { recursive: true });
 const { first, handles, kind, moved, outline } = await import(pathToFileURL(join(OUT, "page", "mask_shape.js")).href);
 
 const button = (page, name) => page.getByRole("button", { name, exact: true });
-const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout: 60_000 });
+const until = (page, is, ...with_) => page.waitForFunction(is, with_);
 const SIZE = [640, 480];
 const RECTANGLE = { rectangle: { x: 100, y: 50, width: 400, height: 300 } };
 const FAN = { fan: { origin_px: [320, -40], radii_px: [100, 400], angles_deg: [-30, 30] } };

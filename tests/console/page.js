@@ -15,6 +15,9 @@ export const SIZES = {
   upright: { width: 820, height: 1180 },
 };
 
+/// Time limit of waiting, ms: it ends a test that hangs, also on a machine that is busy.
+export const PATIENCE = 180_000;
+
 // Root has no sandbox; only our own pages are opened.
 let browser;
 const launch = async () => (browser ??= await chromium.launch({ executablePath: BROWSER, args: process.getuid?.() === 0 ? ["--no-sandbox"] : [] }));
@@ -30,6 +33,7 @@ export const closeAll = () => Promise.all((browser?.contexts() ?? []).map((conte
 /// connection; it receives playwright's WebSocketRoute.
 export async function open(address, { size = SIZES.desk, through, ...settings } = {}) {
   const context = await (await launch()).newContext({ viewport: size, ...settings });
+  context.setDefaultTimeout(PATIENCE);
   const page = await context.newPage();
   if (through) await page.routeWebSocket(/\/v1\/stream$/, through);
   const seen = { page, complaints: [], requests: [], binary: 0 };
@@ -55,7 +59,7 @@ export const measured = (page) => page.evaluate(() => window.sonoweave);
 
 /// Waits until this page has control, or has not.
 export const steers = (page, whether) =>
-  page.waitForFunction((whether) => window.sonoweave.control === whether, whether, { timeout: 10_000 });
+  page.waitForFunction((whether) => window.sonoweave.control === whether, whether);
 
 /// Records the page's commands from now on, except acknowledgements. The returned function
 /// gives them.
@@ -74,9 +78,9 @@ export async function listen(page) {
 }
 
 /// Waits until this many more pictures of this name (`slice`, `view`) were drawn.
-export async function drawn(page, name, more = 1, timeout = 30_000) {
+export async function drawn(page, name, more = 1) {
   const before = (await measured(page)).pictures[name].drawn;
-  await page.waitForFunction(([name, n]) => window.sonoweave.pictures[name].drawn >= n, [name, before + more], { timeout });
+  await page.waitForFunction(([name, n]) => window.sonoweave.pictures[name].drawn >= n, [name, before + more]);
 }
 
 /// Waits until the finest view of the volume is shown, or until the requested view has been
@@ -126,7 +130,7 @@ export function body({ width, height, grey }) {
 export const banner = (page) => page.locator("#banner p").first().innerText();
 
 /// Waits until the banner says this.
-export const says = (page, words, timeout = 30_000) => page.locator("#banner", { hasText: words }).waitFor({ timeout });
+export const says = (page, words) => page.locator("#banner", { hasText: words }).waitFor();
 
 /// Makes the page believe that its window is covered (`hidden`) or uncovered (`visible`).
 export const look = (page, state) =>

@@ -20,7 +20,7 @@ const docs = resolve("docs");
 // The demo's page, from the first slices on.
 const session = await Session.begin();
 const small = await open(session.address, { deviceScaleFactor: 0.65 });
-await drawn(small.page, "view", 1, 60_000);
+await drawn(small.page, "view", 1);
 const shots = [];
 for (let due = Date.now(); shots.length * EVERY < LONG; due += EVERY) {
   await wait(Math.max(0, due - Date.now()));
@@ -34,7 +34,7 @@ writeFileSync(join(docs, "demo.png"), apng);
 
 // The page once the whole doll is there, at rest for a look at all cards.
 const large = await open(session.address);
-await drawn(large.page, "view", 20, 60_000);
+await drawn(large.page, "view", 20);
 await large.page.screenshot({ path: join(docs, "console.png") });
 await close(large);
 const folder = session.folder;

@@ -4,7 +4,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { close, difference, drawn, greys, listen, look, measured, open, shot, SIZES, steers } from "./page.js";
+import { close, difference, drawn, greys, listen, look, measured, open, PATIENCE, shot, SIZES, steers } from "./page.js";
 import { installed } from "./place.js";
 import { Session, shared } from "./session.js";
 
@@ -21,7 +21,7 @@ async function showing(address, slices, settings) {
   const seen = await open(address, settings);
   const { page } = seen;
   await steers(page, true);
-  await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 60_000 }).catch(async (error) => {
+  await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices).catch(async (error) => {
     // Prints why no slices arrive.
     console.log(JSON.stringify((await measured(page)).account));
     throw error;
@@ -35,14 +35,14 @@ const told = async (page) => (await measured(page)).planes.told;
 const counts = async (page) => Object.values((await measured(page)).planes.pictures).map(({ drawn }) => drawn);
 
 // Waits until each plane has been drawn.
-const all = (page) => page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0), null, { timeout: 30_000 });
+const all = (page) => page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0));
 // Waits until the description of a plane's last picture fulfils the condition.
 async function until(page, kind, holds) {
   const begun = Date.now();
   for (;;) {
     const last = (await told(page))[kind];
     if (last && holds(last)) return last;
-    assert.ok(Date.now() - begun < 20_000, `${NAMES[kind]}: ${holds} of ${JSON.stringify({ ...last, histogram: undefined })}`);
+    assert.ok(Date.now() - begun < PATIENCE, `${NAMES[kind]}: ${holds} of ${JSON.stringify({ ...last, histogram: undefined })}`);
     await page.waitForTimeout(50);
   }
 }
@@ -90,7 +90,7 @@ test("planes are drawn only when they are shown, fit a desk's screen and show wh
   await drawn(page, "slice", 20);
   assert.deepEqual(await counts(page), [0, 0, 0, 0], "nobody has asked for them");
   assert.ok(!(await page.locator("#planes-panel").isVisible()));
-  await page.waitForFunction(() => window.sonoweave.account?.slices > 250, null, { timeout: 60_000 });
+  await page.waitForFunction(() => window.sonoweave.account?.slices > 250);
   await page.getByRole("button", { name: "Planes" }).click();
   await all(page);
   await drawn(page, "view", 1);
@@ -101,7 +101,7 @@ test("planes are drawn only when they are shown, fit a desk's screen and show wh
   await page.keyboard.press("f");
   await page.getByRole("button", { name: "Freeze", pressed: true }).waitFor();
   await page.waitForTimeout(500);
-  await page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ whole }) => whole), null, { timeout: 60_000 });
+  await page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ whole }) => whole));
   const found = {};
   for (const name of Object.values(NAMES)) found[name] = await colours(page, name);
   await shot(page, "planes-desk");
@@ -206,7 +206,7 @@ test("the cross stays where the hand has put it, however late the session's pict
   // The page then follows the session's position again.
   late = 0;
   await page.locator("#planes-home").click();
-  await page.waitForFunction((put) => window.sonoweave.planes.cross.join() !== put, put.join(), { timeout: 20_000 });
+  await page.waitForFunction((put) => window.sonoweave.planes.cross.join() !== put, put.join());
   assert.deepEqual(seen.complaints, []);
   await close(seen);
   await session.end();
@@ -347,7 +347,7 @@ test("who looks on sees the planes of who steers, and moves none", async () => {
   assert.deepEqual(await asked(), []);
   await first.page.mouse.click(...(await at(first.page, "z", 0.4, 0.4)));
   const { cross } = (await measured(first.page)).planes;
-  await second.page.waitForFunction((cross) => cross.every((x, n) => Math.abs(x - window.sonoweave.planes.cross[n]) < 1e-6), cross, { timeout: 20_000 });
+  await second.page.waitForFunction((cross) => cross.every((x, n) => Math.abs(x - window.sonoweave.planes.cross[n]) < 1e-6), cross);
   await close(second);
   await first.page.locator("#planes-home").click();
   assert.deepEqual([...first.complaints, ...second.complaints], []);

@@ -12,7 +12,7 @@ import { OUT } from "./place.js";
 import { Session } from "./session.js";
 
 const button = (page, name) => page.getByRole("button", { name, exact: true });
-const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout: 60_000 });
+const until = (page, is, ...with_) => page.waitForFunction(is, with_);
 const phase = (page, name) => until(page, ([name]) => window.sonoweave.account?.desk.phase === name, name);
 const account = async (page) => (await measured(page)).account;
 

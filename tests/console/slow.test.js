@@ -34,7 +34,7 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
   };
   const seen = await open(address, { through });
   const { page } = seen;
-  const marked = (state) => page.locator("#slice-reduced").waitFor({ state, timeout: 120_000 });
+  const marked = (state) => page.locator("#slice-reduced").waitFor({ state });
   await drawn(page, "slice", 5);
   late = LATE;
   await marked("visible");

@@ -11,7 +11,7 @@ async function steering() {
   const { address } = await shared();
   const seen = await open(address);
   await steers(seen.page, true);
-  await seen.page.waitForFunction(() => window.sonoweave.account?.slices > 250, null, { timeout: 60_000 });
+  await seen.page.waitForFunction(() => window.sonoweave.account?.slices > 250);
   return seen;
 }
 

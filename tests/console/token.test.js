@@ -53,7 +53,7 @@ test("a page that is not known is asked for the token, which is shown once", asy
   // A restarted session does not admit this browser either; it asks for the token again.
   await session.end("SIGKILL");
   const again = await Session.with(folder, status, "0.0.0.0", port);
-  await page.getByLabel("Token").waitFor({ timeout: 60_000 });
+  await page.getByLabel("Token").waitFor();
   await close(seen);
   await again.end();
 });
