@@ -96,6 +96,11 @@ impl Failure {
         Self(format!("{}: {doing} failed: {error}{}", path.display(), system(error)))
     }
 
+    /// Makes a failure to write to stdout.
+    pub(crate) fn stdout(error: &io::Error) -> Self {
+        Self::io(Path::new("stdout"), "writing", error)
+    }
+
     /// Converts a problem of settings whose flags have the settings' names.
     pub(crate) fn flag(error: Error) -> Self {
         match error {

@@ -79,7 +79,11 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
     if folder.is_dir() {
         return Ok(());
     }
-    Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())))
+    Err(Failure(format!(
+        "{}: the folder {} does not exist; make it, or give another name",
+        path.display(),
+        folder.display()
+    )))
 }
 
 /// Checks that an output is not an input.

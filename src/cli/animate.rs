@@ -99,7 +99,7 @@ enum SourceName {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let sequence = &arguments.sequence;
     if input::is_session(sequence)? {
-        fail!("{}: is a session; `sonoweave replay` replays it as it ran", sequence.display());
+        fail!("{}: is a session; use `sonoweave replay`, which replays it as it ran", sequence.display());
     }
     let (request, mut sweep) = {
         let Arguments { output, flags, .. } = arguments;

@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         refused(format!("{apart}{hint}"))
     })?;
     if difference.sums.n == 0 {
-        return Err(refused("no voxel was seen in both".into()));
+        return Err(refused("no voxel was seen in both; compare volumes of the same place".into()));
     }
     if let Some(path) = &arguments.output {
         draw(&difference, path)?;

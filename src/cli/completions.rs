@@ -36,8 +36,7 @@ pub fn run(arguments: &Arguments, of: Command) -> Result<(), Failure> {
     let text = text(arguments.shell, of);
     let Some(path) = &arguments.output else { return print(&text) };
     input::check_output(path)?;
-    write_whole(path, |to| to.write_all(text.as_bytes()))
-        .map_err(|error| Failure(format!("{}: writing failed: {error}", path.display())))
+    write_whole(path, |to| to.write_all(text.as_bytes())).map_err(|error| Failure::io(path, "writing", &error))
 }
 
 fn text(shell: Shell, mut of: Command) -> String {

@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_session = !is_numbered && input::is_session(input)?;
     let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };
     if arguments.rate.is_some() && !is_numbered {
-        fail!("{}: has its own times; --rate applies to numbered pictures only", input.display());
+        fail!("{}: has its own times; leave out --rate, which is for numbered pictures", input.display());
     }
     let changes = Changes {
         frames: arguments.frames.clone(),
@@ -143,7 +143,7 @@ impl Arguments {
     fn volume(&self, changes: &Changes) -> Result<Vec<String>, Failure> {
         if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
             fail!(
-                "{}: is a volume; --frames, --crop, --orientation and --station apply to recordings only",
+                "{}: is a volume; leave out --frames, --crop, --orientation and --station, which are for recordings",
                 self.input.display()
             );
         }
@@ -164,7 +164,10 @@ impl Arguments {
         } else if !session {
             let named = Container::of_sequence(&self.output);
             named.map_err(|why| {
-                Failure(format!("{}: {why}, or frame%04d.png, a folder, or .mcap", self.output.display()))
+                Failure(format!(
+                    "{}: {why}; give frame%04d.png or a folder for pictures, .mcap for a session",
+                    self.output.display()
+                ))
             })?;
         }
         if !self.output.is_dir() {
@@ -172,7 +175,7 @@ impl Arguments {
         }
         self.check_pixels()?;
         if !self.stations.is_empty() && !is_session {
-            fail!("{}: is not a session; --station applies to sessions only", self.input.display());
+            fail!("{}: is not a session; leave out --station, which is for sessions", self.input.display());
         }
         let placing = if is_session { self.placing()? } else { Placing::default() };
         let mut gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &placing)?;

@@ -1,7 +1,7 @@
 //! `sonoweave demo`: runs a complete session on a virtual bedside, without hardware.
 
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -82,12 +82,11 @@ fn free_address() -> SocketAddr {
 /// [`Failure`] when the folder cannot be written, or the session cannot begin.
 pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     let out = &arguments.output;
-    let failed = |path: &Path, e: std::io::Error| Failure(format!("{}: cannot be written: {e}", path.display()));
-    std::fs::create_dir_all(out).map_err(|e| failed(out, e))?;
+    std::fs::create_dir_all(out).map_err(|e| Failure::io(out, "making the folder", &e))?;
     let example = if arguments.arm { BEDSIDE_WITH_ARM } else { BEDSIDE };
     let text = example.replace("\nseed = 1\n", &format!("\nseed = {}\n", arguments.seed));
     let path = out.join("bedside.toml");
-    write_whole(&path, |to| to.write_all(text.as_bytes())).map_err(|e| failed(&path, e))?;
+    write_whole(&path, |to| to.write_all(text.as_bytes())).map_err(|e| Failure::io(&path, "writing", &e))?;
     let bedside = Bedside::read(&path)?;
     let options = SessionOptions {
         record: Some(out.clone()),

@@ -116,7 +116,7 @@ fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
 fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {
     let Arguments { input, output, config, world, frames, max_memory, .. } = arguments;
     if config.is_some() || world.is_some() || frames.is_some() {
-        fail!("{}: is a volume; --config, --world and --frames apply to sequences only", input.display());
+        fail!("{}: is a volume; leave out --config, --world and --frames, which are for sequences", input.display());
     }
     let most = max_memory * f64::from(1 << 30);
     if !(most > 0.0 && most.is_finite()) {
@@ -215,7 +215,9 @@ struct Frames {
 impl Frames {
     fn add(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
         let Pixels::U8(pixels) = image.pixels() else {
-            fail!("item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow");
+            fail!(
+                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow; record 8 bits"
+            );
         };
         let size = [image.width(), image.height()];
         if self.items.is_empty() {

@@ -77,12 +77,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let text = arguments.answers(&Found::now())?.text();
     // A wrong answer leaves no file.
     Bedside::parse(output, &text).map_err(Failure::configuration)?;
-    save(output, &text, *force).map_err(|error| Failure(format!("{}: writing failed: {error}", output.display())))?;
+    save(output, &text, *force).map_err(|error| Failure::io(output, "writing", &error))?;
     say(&format!("{} is written; its devices are checked now", output.display()));
     let bedside = Bedside::read(output).map_err(Failure::configuration)?;
     if let Some(folder) = &bedside.record.folder {
-        std::fs::create_dir_all(folder)
-            .map_err(|error| Failure(format!("{}: cannot be made: {error}", folder.display())))?;
+        std::fs::create_dir_all(folder).map_err(|error| Failure::io(folder, "making the folder", &error))?;
     }
     let report = check::check(&bedside, false)?;
     print(&report.text())?;

@@ -102,12 +102,11 @@ impl Arguments {
         let path = &self.file;
         let kind = kind(path)?;
         if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
-            fail!("{}: is not a sequence; --config and --world apply to sequences only", path.display());
+            fail!("{}: is not a sequence; leave out --config and --world, which are for sequences", path.display());
         }
-        let flag =
-            self.against.as_ref().map(|_| "--against compares").or(self.weights.as_ref().map(|_| "--weights are of"));
+        let flag = self.against.as_ref().map(|_| "--against").or(self.weights.as_ref().map(|_| "--weights"));
         if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
-            fail!("{}: is no volume; {flag} volumes only", path.display());
+            fail!("{}: is no volume; leave out {flag}, which is for volumes", path.display());
         }
         Ok(match kind {
             Kind::Session => Report::Session(Box::new(SessionReport::read(path)?)),
@@ -154,7 +153,8 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         return Ok(Kind::Configuration);
     }
     if head.is_empty() {
-        fail!("{}: {}", path.display(), formats::NoImage::Empty);
+        let why = formats::NoImage::Empty;
+        fail!("{}: {why}", path.display());
     }
     Err(Failure(format!(
         "{}: is of no known kind: neither MetaImage (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, \

@@ -61,7 +61,7 @@ impl LogFlags {
         let (layer, file) = match &self.trace {
             Some(path) => {
                 input::check_output(path)?;
-                let begun = trace::begin(path).map_err(|e| Failure(format!("--trace {}: {e}", path.display())))?;
+                let begun = trace::begin(path).map_err(|e| Failure::io(path, "beginning the trace", &e))?;
                 (Some(begun.0.with_filter(FilterFn::new(trace::is_recorded))), Some(begun.1))
             }
             None => (None, None),

@@ -42,7 +42,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, of: &Command) -> Result<(), Failure> {
     let pages = pages::all(of)?;
     if let (true, Some(folder)) = (arguments.all, &arguments.output) {
-        std::fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
+        std::fs::create_dir_all(folder).map_err(|error| Failure::io(folder, "making the folder", &error))?;
         return pages.iter().try_for_each(|page| write(&folder.join(&page.name), &page.text));
     }
     let asked = arguments.page.as_deref().map_or("sonoweave".to_owned(), |page| format!("sonoweave-{page}"));
@@ -60,9 +60,5 @@ pub fn run(arguments: &Arguments, of: &Command) -> Result<(), Failure> {
 }
 
 fn write(path: &std::path::Path, text: &str) -> Result<(), Failure> {
-    write_whole(path, |to| to.write_all(text.as_bytes())).map_err(|error| failed(path, &error))
-}
-
-fn failed(path: &std::path::Path, error: &std::io::Error) -> Failure {
-    Failure(format!("{}: writing failed: {error}", path.display()))
+    write_whole(path, |to| to.write_all(text.as_bytes())).map_err(|error| Failure::io(path, "writing", &error))
 }

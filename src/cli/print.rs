@@ -21,7 +21,7 @@ pub(in crate::cli) fn print(text: &str) -> Result<(), Failure> {
     }
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
+        Err(e) => Err(Failure::stdout(&e)),
         Ok(()) => Ok(()),
     }
 }

@@ -57,7 +57,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     json.check([session.as_path(), output])?;
     input::check_folder(output)?;
     if !input::is_session(session)? {
-        fail!("{}: is not a session; only sessions are repaired", session.display());
+        fail!(
+            "{}: is not a session, and only sessions are repaired; give a file that ends with .mcap",
+            session.display()
+        );
     }
     let report = SessionReport::read(session)?;
     let messages = repair(session, output, &Limits::default())?.messages;

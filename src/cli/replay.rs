@@ -90,8 +90,8 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     let path = &arguments.session;
     if !input::is_session(path)? {
         fail!(
-            "{}: is not a session; `sonoweave animate` draws the reconstruction of a recorded sweep, and \
-            `sonoweave reconstruct` only reconstructs it",
+            "{}: is not a session; use `sonoweave animate` to draw the reconstruction of a recorded sweep, or \
+            `sonoweave reconstruct` to reconstruct it only",
             path.display()
         );
     }

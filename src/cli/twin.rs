@@ -358,7 +358,7 @@ impl Arguments {
                 fail!("--rate: {unit} has a fixed rate; leave it out");
             }
             Some(rate) if !rates.contains(&rate) => {
-                fail!("--rate {rate}: {unit} supports {rates:?} readings a second only");
+                fail!("--rate {rate}: {unit} supports {rates:?} readings a second; give one of these");
             }
             _ => {}
         }

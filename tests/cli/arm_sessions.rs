@@ -157,6 +157,14 @@ impl Truth {
         let off = |corner: DVec3| (pose.transform_point3(corner) - truth.point(corner)).length();
         self.corners.map(off).into_iter().fold(0.0, f64::max)
     }
+
+    /// Returns how far the path of the worst corner bends between two readings, mm: a pose between
+    /// them is interpolated.
+    fn bend_mm(&self, at_ns: i64, gap_ns: i64) -> f64 {
+        let [before, truth, after] = [-gap_ns / 2, 0, gap_ns / 2].map(|ns| self.held.tracker_from_image(at_ns + ns));
+        let bend = |corner: DVec3| (0.5 * (before.point(corner) + after.point(corner)) - truth.point(corner)).length();
+        self.corners.map(bend).into_iter().fold(0.0, f64::max)
+    }
 }
 
 #[test]
@@ -214,8 +222,9 @@ fn example_of_arm_replays_and_matches_truth() {
         let near = (-200..=200).map(|step| posed.at_ns + step * MS);
         let near = near.min_by(|one, other| off(*one).total_cmp(&off(*other))).unwrap();
         let nearest = (-10..=10).map(|step| off(near + step * MS / 10)).fold(f64::INFINITY, f64::min);
-        farthest = farthest.max(nearest);
-        beyond = beyond.max(truth.off_mm(&posed.world_from_image, posed.at_ns) - posed.error_mm);
+        let bend = truth.bend_mm(near, posed.gap_ns);
+        farthest = farthest.max(nearest - bend);
+        beyond = beyond.max(truth.off_mm(&posed.world_from_image, posed.at_ns) - posed.error_mm - bend);
     }
     assert!(farthest < resolution && beyond < resolution, "{farthest} {beyond} {resolution}");
 }

@@ -185,7 +185,7 @@ fn numbered_images_convert_back_to_a_sequence() {
     assert!(text("back.mha").contains("Seq_Frame0002_Timestamp = 0.1\n"), "{}", text("back.mha"));
     assert!(!text("folder.mha").contains("Timestamp"), "{}", text("folder.mha"));
     place.refuses_with("convert g%03d.png -o x.mha", &["matches no file"]);
-    place.refuses_with("convert s.mha -o x.mha --rate 30", &["--rate applies to numbered pictures"]);
+    place.refuses_with("convert s.mha -o x.mha --rate 30", &["leave out --rate, which is for numbered pictures"]);
     place.put("f004.png", &place.get("f004.png")[..60]);
     place.refuses_with("convert f%03d.png -o x.mha", &["f004.png", "cannot be read as PNG"]);
     std::fs::remove_file(place.path("f003.png")).unwrap();
@@ -206,7 +206,7 @@ fn identifying_fields_are_left_out_and_named() {
     assert_eq!(before.field("SonoweaveUnseen"), after.field("SonoweaveUnseen"));
     assert!(!after.header.fields.iter().any(|(name, value)| name == "SonoweaveInput" || value.contains("s.mha")));
     assert!(before.values == after.values);
-    place.refuses("convert v.mha -o x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
+    place.refuses("convert v.mha -o x.mha --frames 1..2", &["v.mha: is a volume; leave out --frames"]);
 }
 
 /// Returns the small configuration with latencies, and with a given image pose.

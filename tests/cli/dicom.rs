@@ -68,5 +68,5 @@ fn content_unsupported_by_dicom_is_refused() {
     place.refuses("dicom d.mha -o d.dcm", &["d.mha: ", "more than 8 bits"]);
     place.does(&format!("{RECONSTRUCT} -o f.mha --type f32"));
     place.refuses("dicom f.mha -o f.dcm", &["f.mha: ", "8 or 16 bit"]);
-    place.refuses("dicom f.mha -o f.dcm --frames 0..1", &["apply to sequences only"]);
+    place.refuses("dicom f.mha -o f.dcm --frames 0..1", &["which are for sequences"]);
 }

@@ -49,7 +49,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Vec<DVec2>, FileError> {
     for item in list.items("a list of places [x, y] in mm")? {
         let divot = DVec2::from_array(item.numbers()?);
         if divots.contains(&divot) {
-            return Err(item.error("is the place of another divot, too"));
+            return Err(item.error("is the place of another divot, too; give each place once"));
         }
         divots.push(divot);
     }

@@ -43,7 +43,9 @@ fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
     }
     let kind = match table.get("direction_deg") {
         Some(direction) if turns => {
-            return Err(direction.error("is not for a joint that turns; its zero_counts say where it begins"));
+            return Err(
+                direction.error("is not for a joint that turns, whose zero_counts say where it begins; leave it out")
+            );
         }
         _ if turns => Kind::Revolute,
         direction => {

@@ -8,6 +8,7 @@ mod comments;
 mod crates;
 mod cycles;
 mod errors;
+mod failures;
 mod findings;
 mod layers;
 mod lexer;
@@ -113,6 +114,11 @@ fn explained_messages_are_in_sources() {
 #[test]
 fn errors_say_what_where_and_what_to_do() {
     report(messages::check(&SOURCES));
+}
+
+#[test]
+fn failures_say_what_to_do() {
+    report(failures::check(&SOURCES));
 }
 
 #[test]

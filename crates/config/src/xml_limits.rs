@@ -38,7 +38,7 @@ pub(super) fn check_limits(path: &Path, text: &str) -> Result<(), Error> {
         }
         let Some(length) = tag_length(rest.as_bytes()) else {
             return if rest.len() > MAX_TAG_BYTES {
-                Err(refuse(begin, format!("a tag of more than {MAX_TAG_BYTES} bytes begins here")))
+                Err(refuse(begin, format!("a tag of more than {MAX_TAG_BYTES} bytes begins here; correct the file")))
             } else {
                 Ok(())
             };
@@ -48,7 +48,7 @@ pub(super) fn check_limits(path: &Path, text: &str) -> Result<(), Error> {
         } else if !rest[..length].ends_with("/>") {
             depth += 1;
             if depth > MAX_DEPTH {
-                return Err(refuse(begin, format!("elements are nested more than {MAX_DEPTH} deep")));
+                return Err(refuse(begin, format!("elements are nested more than {MAX_DEPTH} deep; correct the file")));
             }
         }
         at = begin + length;

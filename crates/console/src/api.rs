@@ -122,10 +122,7 @@ pub(super) async fn slices(State(served): State<Served>, body: String) -> Respon
 pub(super) async fn settings(State(served): State<Served>) -> Response {
     match served.session.controller.replayed() {
         Some(replayed) => json_response(StatusCode::OK, &json!({ "settings": replayed.settings() })),
-        None => refused(
-            StatusCode::NOT_FOUND,
-            "this session is live; only a recorded session can be run again with other settings",
-        ),
+        None => refused(StatusCode::NOT_FOUND, "this session is live; run a recorded one with other settings"),
     }
 }
 
@@ -168,7 +165,9 @@ pub(super) async fn picture(State(served): State<Served>, Path(name): Path<Strin
         Err(_) => served.session.broadcaster.newest(kind),
     };
     drop(subscribe_briefly);
-    let Some(shot) = newest else { return refused(StatusCode::NOT_FOUND, "there is no such picture yet") };
+    let Some(shot) = newest else {
+        return refused(StatusCode::NOT_FOUND, "there is no such picture yet; wait for the first slices");
+    };
     match tokio::task::spawn_blocking(move || snapshot::png(&shot)).await {
         Ok(Ok(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
         Ok(Err(why)) => refused(StatusCode::INTERNAL_SERVER_ERROR, &why),

@@ -144,14 +144,14 @@ fn tls(certificate: &Path, key: &Path) -> Result<(TlsAcceptor, Vec<String>), Con
 fn read(path: &Path) -> Result<(Vec<u8>, u32), String> {
     let cannot = |error: std::io::Error| format!("cannot be read: {error}");
     if !path.metadata().map_err(cannot)?.is_file() {
-        return Err("is not a file".into());
+        return Err("is not a file; give one".into());
     }
     let file = File::open(path).map_err(cannot)?;
     let mode = file.metadata().map_err(cannot)?.permissions().mode();
     let mut bytes = Vec::new();
     file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(cannot)?;
     if bytes.len() as u64 > MOST_BYTES {
-        return Err(format!("is longer than {MOST_BYTES} bytes"));
+        return Err(format!("is longer than {MOST_BYTES} bytes; give the file of a certificate or a key"));
     }
     Ok((bytes, mode))
 }

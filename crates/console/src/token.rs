@@ -73,11 +73,11 @@ impl Token {
     /// The token's fault, as the rest of a sentence.
     pub(super) fn of(text: &str) -> Result<Self, String> {
         if !text.bytes().all(|byte| byte.is_ascii_graphic()) {
-            return Err("holds more than one line of letters, digits and signs without spaces".into());
+            return Err("must hold one line of letters, digits and signs without spaces".into());
         }
         if text.len() < LEAST {
             return Err(format!(
-                "holds a token of {} characters, but {LEAST} or more are needed; `openssl rand -hex 32` makes one",
+                "holds a token of {} characters, but {LEAST} or more are needed; make one by `openssl rand -hex 32`",
                 text.len()
             ));
         }
@@ -180,7 +180,7 @@ mod tests {
             (&b""[..], "of 0 characters"),
             (&TOKEN.as_bytes()[1..], "of 31 characters, but 32 or more are needed"),
             (b"0123456789abcdef 0123456789abcdef", "without spaces"),
-            (b"0123456789abcdef0123456789abcdef\nmore", "more than one line"),
+            (b"0123456789abcdef0123456789abcdef\nmore", "must hold one line"),
             (&[b'x'; 5000], "too many for a token"),
             (&[0xff; 40], "cannot be read"),
         ] {

@@ -135,7 +135,7 @@ impl Grabber {
             return refused("device", "the name is empty; give a device, such as /dev/video0");
         }
         if !(2..=32).contains(&settings.buffers) {
-            return refused("buffers", "a stream needs 2 to 32");
+            return refused("buffers", "a stream must have 2 to 32");
         }
         let description = Description { name: settings.device.clone(), ..Description::default() };
         Ok(Self {

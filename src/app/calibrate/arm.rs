@@ -94,6 +94,7 @@ impl TouchedArm<'_> {
 
     /// Returns the refusal of an arm that no longer agrees with its calibration.
     pub(crate) fn changed(&self, checked: &Checked) -> Failure {
-        self.work().within(format!("the arm no longer agrees with its calibration; {}", checked.advice()))
+        let advice = checked.advice();
+        self.work().within(format!("the arm no longer agrees with its calibration; {advice}"))
     }
 }

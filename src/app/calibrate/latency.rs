@@ -75,8 +75,8 @@ impl Options {
                 Err(no_floor @ CalibrationError::Latency(LatencyError::NoFloor { .. })) => {
                     match self.by_crossings(&source, calibration, &mut notes) {
                         Ok(found) => Found::Crossings(Box::new(found)),
-                        Err(Failure(no_crossings)) => {
-                            fail!("by --method line: {no_floor}; by --method crossings: {no_crossings}");
+                        Err(Failure(why)) => {
+                            fail!("by --method line: {no_floor}; by --method crossings: {why}");
                         }
                     }
                 }
@@ -185,7 +185,7 @@ impl Options {
         })?;
         *notes = unfit.notes();
         let Some((ends, [width, height])) = ends else {
-            fail!("{}: holds no usable frame", source.paths()[0].display());
+            fail!("{}: holds no usable frame; record it again", source.paths()[0].display());
         };
         let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
         let is_data: Vec<bool> = (0..height)
@@ -211,7 +211,7 @@ impl Options {
 }
 
 fn sizes(source: &Source) -> Failure {
-    Failure(format!("{}: its frames have several sizes", source.paths()[0].display()))
+    Failure(format!("{}: its frames have several sizes; record it again with one", source.paths()[0].display()))
 }
 
 fn refusal(why: CalibrationError) -> Failure {

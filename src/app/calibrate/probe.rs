@@ -84,7 +84,10 @@ impl Options {
         let seen = observe(&recorded)?;
         let second = second.map(|second| observe(&second)).transpose()?;
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-            return Err(within(path, "its frames differ in size from the second recording's".into()));
+            return Err(within(
+                path,
+                "its frames differ in size from the second recording's; give one of the same size".into(),
+            ));
         }
         let searched_s = began.elapsed().as_secs_f64();
         let found = calibrate(&layout, &held, seen.recording(), second.as_ref().map(Observed::recording))

@@ -88,13 +88,11 @@ impl JsonFlag {
         match &self.json {
             None => Ok(()),
             Some(Json::Stdout) => match std::io::stdout().write_all(document.as_bytes()) {
-                Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                    Err(Failure(format!("writing to stdout failed: {error}")))
-                }
+                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::stdout(&error)),
                 _ => Ok(()),
             },
             Some(Json::File(path)) => write_whole(path, |to| to.write_all(document.as_bytes()))
-                .map_err(|error| Failure(format!("{}: writing failed: {error}", path.display()))),
+                .map_err(|error| Failure::io(path, "writing", &error)),
         }
     }
 }

@@ -83,8 +83,12 @@ pub(crate) fn check(bedside: &Bedside, accepted: bool) -> Result<Report, Failure
     });
     let grabber = match grabber {
         Ok(Ok(tried)) => tried,
-        Ok(Err(_)) => return Err(Failure("the grabber's driver has panicked; please report this".into())),
-        Err(error) => return Err(Failure(format!("cannot start the grabber's thread: {error}"))),
+        Ok(Err(_)) => return Err(Failure("the grabber's driver has panicked; report this to the project".into())),
+        Err(error) => {
+            return Err(Failure(format!(
+                "cannot start the grabber's thread: {error}; close other programs, then try again"
+            )));
+        }
     };
     drop(devices);
     let mut checks = vec![

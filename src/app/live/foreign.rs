@@ -41,7 +41,7 @@ pub(super) fn refuse_size(
     }
     match beyond(bedside, size) {
         Some(sentence) if accepted => reporter.say(&format!("accepted for a trial: {sentence}")),
-        Some(sentence) => fail!("{sentence}; --accept-example tries a session without"),
+        Some(sentence) => fail!("{sentence}; use --accept-example to try a session without"),
         None => {}
     }
     Ok(())

@@ -32,7 +32,7 @@ pub(crate) fn outputs(
         let output = folder.join(format!("{stem}.mha"));
         if !taken.insert(output.clone()) {
             fail!(
-                "{}: its volume and another recording's would both be {}; reconstruct them by separate commands",
+                "{}: its volume and another recording's would both be {}; run a command for each",
                 sequence.display(),
                 output.display()
             );

@@ -115,7 +115,7 @@ impl OutputOptions {
             Scalar::F32 => true,
         };
         if !representable {
-            fail!("--unseen {}: is not a value of type {}", self.unseen, scalar.name());
+            fail!("--unseen {}: is not a value of type {}; give one, or another --type", self.unseen, scalar.name());
         }
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }

@@ -291,7 +291,7 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
         }
     }
     if sums.n == 0 {
-        return Err(refused(other, "no voxel was seen in both".into()));
+        return Err(refused(other, "no voxel was seen in both; compare volumes of the same place".into()));
     }
     Ok(Comparison {
         against: other.to_owned(),

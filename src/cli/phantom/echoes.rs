@@ -128,7 +128,9 @@ pub(super) fn describe(scan: &Scan) -> String {
 /// [`Failure`] when the scene has no calibration targets.
 pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
     let within = |problem: String| Failure(format!("--phantom: {problem}"));
-    let Some(bmode) = scan.bmode() else { return Err(within("the scene is no body".into())) };
+    let Some(bmode) = scan.bmode() else {
+        return Err(within("the scene is no body; choose a calibration phantom".into()));
+    };
     let body = bmode.body();
     let number = |name: &str| name.trim_end_matches(char::is_alphabetic).to_owned();
     let patterns = body.wires.chunk_by(|one, other| number(&one.name) == number(&other.name)).map(|wires| {

@@ -42,7 +42,7 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
     }
     match failed {
         0 => Ok(()),
-        n => Err(Failure(format!("{n} of {} recordings failed; the table says why", sequences.len()))),
+        n => Err(Failure(format!("{n} of {} recordings failed; see the table for the reasons", sequences.len()))),
     }
 }
 

@@ -179,7 +179,9 @@ impl Unit {
                 }
                 port(self, found, twin, now_ns)
             }
-            Self::Ea1 | Self::Qsb | Self::Microscribe => return Err(Failure("an arm is no tracker".into())),
+            Self::Ea1 | Self::Qsb | Self::Microscribe => {
+                return Err(Failure("an arm is no tracker; choose a tracker".into()));
+            }
         }])
     }
 
@@ -223,7 +225,7 @@ impl Unit {
                 }
                 one(Arc::new(Mutex::new(twin)))
             }
-            _ => return Err(Failure("a tracker is no arm".into())),
+            _ => return Err(Failure("a tracker is no arm; choose an arm".into())),
         })
     }
 }

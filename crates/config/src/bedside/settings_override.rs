@@ -158,7 +158,7 @@ pub(super) fn set(root: &mut toml::Table, dotted: &str, value: &Value) -> Result
     let mut table = root;
     for part in heading.split('.') {
         let inner = table.entry(part).or_insert_with(|| toml::Table::new().into());
-        table = inner.as_table_mut().ok_or_else(|| refused(part, "is not a section"))?;
+        table = inner.as_table_mut().ok_or_else(|| refused(part, "is not a section; give a table"))?;
     }
     if value.is_null() {
         table.remove(name);

@@ -128,7 +128,8 @@ impl Unit {
         settings.check(500)?;
         let request = Request::new(family, encoders.into(), false).filter(|_| usize::from(encoders) <= AXES);
         let Some(request) = request else {
-            let problem = format!("{encoders} is not possible; a MicroScribe has 5 or 6, an Immersion box 2, 4 or 6");
+            let problem =
+                format!("{encoders} is not possible; give 5 or 6 for a MicroScribe, 2, 4 or 6 for an Immersion box");
             return Err(Error::setting("arm", "encoders", problem));
         };
         if let Some(baud) = settings.baud.filter(|baud| !BAUDS.contains(baud)) {

@@ -87,16 +87,15 @@ impl Which {
         }
         let numbered = (1..).zip(rests.iter().copied()).filter(|(number, _)| !self.skip.contains(number));
         let kept: Vec<(usize, Rest)> = numbered.collect();
-        let advice = || format!("; leave out by --skip the rests that were no touches{}", listed(&rests));
+        let advice = format!("; leave out by --skip the rests that were no touches{}", listed(&rests));
         let (place, of): (Place, Vec<usize>) = match place {
             Place::Point => (Place::Point, vec![0; kept.len()]),
             Place::Divots(divots) if self.order.is_empty() => {
                 if !kept.len().is_multiple_of(divots.len()) {
                     return Err(within(format!(
-                        "the joints rested {} times, which is no whole number of rounds over {} divots; give the divot of each touch by --order{}",
+                        "the joints rested {} times, which is no whole number of rounds over {} divots; give the divot of each touch by --order{advice}",
                         kept.len(),
-                        divots.len(),
-                        advice()
+                        divots.len()
                     )));
                 }
                 let of = (0..kept.len()).map(|touch| touch % divots.len()).collect();
@@ -105,24 +104,25 @@ impl Which {
             Place::Divots(divots) => {
                 if self.order.len() != kept.len() {
                     return Err(within(format!(
-                        "--order gives the divots of {} touches, but the joints rested {} times{}",
+                        "--order gives the divots of {} touches, but the joints rested {} times{advice}",
                         self.order.len(),
-                        kept.len(),
-                        advice()
+                        kept.len()
                     )));
                 }
                 let of = self.order.iter().map(|number| number.checked_sub(1));
                 let of = of.collect::<Option<Vec<usize>>>();
-                (Place::Divots(divots), of.ok_or_else(|| Failure("--order 0: divots have numbers from 1".into()))?)
+                (
+                    Place::Divots(divots),
+                    of.ok_or_else(|| Failure("--order 0: give divots by their numbers, from 1".into()))?,
+                )
             }
             Place::Distances(distances) => {
                 let pairs = kept.len() / 2;
                 if !kept.len().is_multiple_of(2) || ![1, pairs].contains(&distances.len()) {
                     return Err(within(format!(
-                        "the joints rested {} times, but each of {} distances takes two touches{}",
+                        "the joints rested {} times, but each of {} distances takes two touches{advice}",
                         kept.len(),
-                        if distances.len() == 1 { pairs } else { distances.len() },
-                        advice()
+                        if distances.len() == 1 { pairs } else { distances.len() }
                     )));
                 }
                 let all = if distances.len() == 1 { vec![distances[0]; pairs] } else { distances };

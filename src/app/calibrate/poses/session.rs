@@ -32,12 +32,12 @@ struct Tracked<'a> {
 fn tracked<'a>(recording: &'a Recording, tracks: &'a Tracks, path: &Path) -> Result<Tracked<'a>, Failure> {
     let unknown = |name: &str, flag: &str| {
         let station = match (&recording.source.live, name) {
-            (Some(_), STYLUS_FRAME) => "give [tracker] stylus_station, or ",
-            (Some(_), REFERENCE_FRAME) => "give [tracker] reference_station, or ",
+            (Some(_), STYLUS_FRAME) => ", or give [tracker] stylus_station",
+            (Some(_), REFERENCE_FRAME) => ", or give [tracker] reference_station",
             _ => "",
         };
         let (path, names) = (path.display(), tracks.names());
-        Failure(format!("{path}: holds no frame {name}, only {names}; {station}name the frame with {flag}"))
+        Failure(format!("{path}: holds no frame {name}, only {names}; name the frame with {flag}{station}"))
     };
     let [of_stylus, of_reference] = recording.flags;
     let stylus = tracks.of(&recording.stylus).ok_or_else(|| unknown(&recording.stylus, of_stylus))?;

@@ -69,7 +69,9 @@ impl Options {
         let second = second.map(|second| observe(&second, names, *clip, is_plane, steps)).transpose()?;
         let second = second.map(|(second, _)| second);
         if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-            return Err(within("its frames differ in size from the second recording's".into()));
+            return Err(within(
+                "its frames differ in size from the second recording's; give one of the same size".into(),
+            ));
         }
         let searched_s = began.elapsed().as_secs_f64();
         let found = calibrate(target, seen.recording(), second.as_ref().map(Observed::recording)).map_err(|e| {
