@@ -79,6 +79,32 @@ const CONVERSION: &[(&str, &[&str])] = &[
     ("Outputs", &["json", "compress", "anonymize"]),
 ];
 
+/// Commands of `calibrate` with many flags, and those that `-h` shows.
+const USUAL_OF_CALIBRATE: &[(&str, &[&str])] = &[
+    (
+        "probe",
+        &[
+            "method",
+            "output",
+            "phantom",
+            "registration",
+            "stylus-tip",
+            "sequence",
+            "session",
+            "validate",
+            "live",
+            "preset",
+            "json",
+            "report",
+        ],
+    ),
+    ("latency", &["method", "config", "output", "video", "sequence", "session", "live", "duration", "json"]),
+    ("pivot", &["output", "sequence", "session", "live", "stylus", "reference", "limit", "json"]),
+    ("arm", &["arm", "check", "output", "session", "live", "plate", "point", "distances", "order", "skip", "json"]),
+    ("landmarks", &["output", "phantom", "stylus", "stylus-tip", "sequence", "session", "live", "limit", "json"]),
+    ("tracker", &["other", "tracker", "output", "sequence", "session", "sensor", "live", "limit", "json"]),
+];
+
 /// Headings of the flags of `calibrate`'s commands.
 const CALIBRATION: &[(&str, &[&str])] = &[
     ("Recording", &["sequence", "session", "video", "from", "to", "clip", "validate", "sensor"]),
@@ -91,27 +117,28 @@ const CALIBRATION: &[(&str, &[&str])] = &[
     ("Result", &["limit", "preset", "ruler", "keep", "counts"]),
     ("Outputs", &["json", "report"]),
 ];
-/// Commands of `calibrate` with more flags than fit a screen.
-const CALIBRATED: [&str; 6] = ["probe", "latency", "pivot", "arm", "landmarks", "tracker"];
 
 /// Puts the flags of all commands into groups.
 pub(super) fn grouped(mut command: clap::Command) -> clap::Command {
     for (name, usual) in USUAL {
-        command = command.mut_subcommand(name, |sub| {
-            sub.mut_args(|arg| {
-                let is_usual = arg.get_long().is_none_or(|long| usual.contains(&long) || arg.is_global_set());
-                if is_usual { arg } else { arg.hide_short_help(true) }
-            })
-        });
+        command = command.mut_subcommand(name, |sub| shortened(sub, usual));
     }
     for name in GROUPED {
         command = command.mut_subcommand(name, |sub| headed(sub, HEADINGS));
     }
     command = command.mut_subcommand("convert", |sub| headed(sub, CONVERSION));
     command.mut_subcommand("calibrate", |calibrate| {
-        CALIBRATED
-            .iter()
-            .fold(calibrate, |calibrate, name| calibrate.mut_subcommand(name, |sub| headed(sub, CALIBRATION)))
+        USUAL_OF_CALIBRATE.iter().fold(calibrate, |calibrate, (name, usual)| {
+            calibrate.mut_subcommand(name, |sub| shortened(headed(sub, CALIBRATION), usual))
+        })
+    })
+}
+
+/// Hides a command's flags from `-h`, except the usual ones.
+fn shortened(command: clap::Command, usual: &[&str]) -> clap::Command {
+    command.mut_args(|arg| {
+        let is_usual = arg.get_long().is_none_or(|long| usual.contains(&long) || arg.is_global_set());
+        if is_usual { arg } else { arg.hide_short_help(true) }
     })
 }
 
@@ -148,10 +175,16 @@ mod tests {
             assert!(flags.iter().all(|flag| has("convert", flag)), "{heading}");
         }
         let calibrate = command.find_subcommand("calibrate").unwrap();
-        let subs = CALIBRATED.map(|name| calibrate.find_subcommand(name).unwrap());
+        let has = |name: &str, flag: &str| {
+            let sub = calibrate.find_subcommand(name).unwrap();
+            sub.get_arguments().any(|arg| arg.get_long() == Some(flag))
+        };
+        for (name, usual) in USUAL_OF_CALIBRATE {
+            assert!(usual.iter().all(|flag| has(name, flag)), "{name}: {usual:?}");
+            assert!(usual.len() <= 12, "{name}");
+        }
         for flag in CALIBRATION.iter().flat_map(|(_, flags)| *flags) {
-            let has = |sub: &clap::Command| sub.get_arguments().any(|arg| arg.get_long() == Some(flag));
-            assert!(subs.iter().any(|sub| has(sub)), "{flag}");
+            assert!(USUAL_OF_CALIBRATE.iter().any(|(name, _)| has(name, flag)), "{flag}");
         }
     }
 

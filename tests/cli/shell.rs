@@ -57,7 +57,9 @@ fn log_filter_is_checked_before_work() {
 #[test]
 fn short_help_is_short_and_long_help_has_examples() {
     let place = Place::new();
-    for command in ["reconstruct", "render", "replay", "animate", "live", "phantom", "twin", "init", "doctor"] {
+    let plain = ["reconstruct", "render", "replay", "animate", "live", "phantom", "twin", "init", "doctor"];
+    let calibrate = ["probe", "latency", "pivot", "arm", "landmarks", "tracker"].map(|of| format!("calibrate {of}"));
+    for command in plain.map(str::to_owned).into_iter().chain(calibrate) {
         let (short, long) = (place.does(&format!("{command} -h")), place.does(&format!("{command} --help")));
         assert!(short.lines().count() <= SHORT, "{command}: {} lines", short.lines().count());
         assert!(long.contains("Example") && !short.contains("Example"), "{command}");
