@@ -216,7 +216,7 @@ impl Frames {
     fn add(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
         let Pixels::U8(pixels) = image.pixels() else {
             fail!(
-                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow; record 8 bits"
+                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow; give a recording of 8 bits"
             );
         };
         let size = [image.width(), image.height()];

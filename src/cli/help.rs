@@ -98,7 +98,7 @@ const USUAL_OF_CALIBRATE: &[(&str, &[&str])] = &[
             "report",
         ],
     ),
-    ("latency", &["method", "config", "output", "video", "sequence", "session", "live", "duration", "json"]),
+    ("latency", &["method", "config", "output", "video", "tracker", "sequence", "session", "live", "duration", "json"]),
     ("pivot", &["output", "sequence", "session", "live", "stylus", "reference", "limit", "json"]),
     ("arm", &["arm", "check", "output", "session", "live", "plate", "point", "distances", "order", "skip", "json"]),
     ("landmarks", &["output", "phantom", "stylus", "stylus-tip", "sequence", "session", "live", "limit", "json"]),

@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     input::check_folder(output)?;
     if !input::is_session(session)? {
         fail!(
-            "{}: is not a session, and only sessions are repaired; give a file that ends with .mcap",
+            "{}: is not a session, and only sessions are repaired; give one that `live --record` wrote",
             session.display()
         );
     }

@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { LEGS_MM, markLegs } from "./doll.js";
-import { audit, measured, open, settled, shot, SIZES, steers } from "./page.js";
+import { audit, measured, open, PATIENCE, settled, shot, SIZES, steers } from "./page.js";
 import { shared } from "./session.js";
 
 // Distance of the middles of the doll's feet, across y = −11 mm: crates/phantom/src/body/doll.rs.
@@ -93,7 +93,9 @@ const greyAt = (page, at) =>
 // Points at the view by `act`; again, as a person would, while a busy session says that its picture
 // is still being drawn.
 async function point(page, act) {
+  const begun = Date.now();
   for (;;) {
+    assert.ok(Date.now() - begun < PATIENCE, "the picture is drawn at last");
     const answered = page.waitForResponse(/\/v1\/pick$/);
     await act();
     if ((await answered).status() !== 503) return;

@@ -40,7 +40,7 @@ fn of_source(source: &Source) -> Vec<Failure> {
     let code = source.code();
     let is_made = |at: &usize| MAKERS.iter().any(|maker| code[*at].is(maker));
     let text = |at: usize| {
-        let skipped = |sign: &str| ["!", "(", "format", "&"].contains(&sign);
+        let skipped = |sign: &str| ["!", "(", "format", "&", "path", ","].contains(&sign);
         let first = code[at + 1..].iter().find(|token| token.kind == Kind::Literal || !skipped(token.text))?;
         let is_text = first.kind == Kind::Literal && first.text.contains('"');
         is_text.then(|| Failure { file: source.path.clone(), line: first.line, text: unquoted(first.text) })
@@ -73,7 +73,7 @@ mod tests {
                     even", x));
                 let b = Failure(format!("{x}: {why}"));
                 let c = Failure("is odd".into());
-                let d = within(format!("takes {n}"));
+                let d = within(path, format!("takes {n}"));
                 let e = Failure(sentence);
             }"#;
         let sources =

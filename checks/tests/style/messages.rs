@@ -54,10 +54,12 @@ const PLACED: [(&str, &str); 31] = [
 ];
 
 /// First words of instructions.
-const INSTRUCTIONS: &str = "add ask begin bend bring calibrate check choose clear close connect convert copy correct \
-    crop delete draw end enter export fix free give hold home install keep lay leave let list lower make measure move \
-    name narrow plug point put raise read reconstruct record remove rename repair replay report request restore run save scan see send \
-    set shorten show sort split start stop sweep switch take tilt touch try turn unfreeze use wait widen write";
+const INSTRUCTIONS: &str = "\
+    add ask begin bend bring calibrate check choose clear close connect convert copy correct \
+    crop delete draw end enter export fix free give hold home install keep lay leave let list \
+    lower make measure move name narrow plug point put raise read reconstruct record remove \
+    rename repair replay report request restore run save scan see send set shorten show sort \
+    split start stop sweep switch take tilt touch try turn unfreeze use wait widen write";
 
 /// Facts of all sources by which a sentence is judged.
 struct Known<'a> {

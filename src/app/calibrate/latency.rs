@@ -211,7 +211,7 @@ impl Options {
 }
 
 fn sizes(source: &Source) -> Failure {
-    Failure(format!("{}: its frames have several sizes; record it again with one", source.paths()[0].display()))
+    Failure(format!("{}: its frames have several sizes; record frames of one size", source.paths()[0].display()))
 }
 
 fn refusal(why: CalibrationError) -> Failure {
