@@ -11,6 +11,7 @@ use formats::image::write::VolumeWriter;
 use reconstruct::Settings;
 use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::reading::PixelType;
+use volume::brick::{EDGE, VOXELS};
 use volume::brick_volume::SEEN;
 use volume::{Grid, Voxels};
 
@@ -99,13 +100,20 @@ impl Encoding {
         if w > SEEN || w == FILLED { self.value(r / w) } else { self.unseen }
     }
 
-    fn push(&self, value: f32, bytes: &mut Vec<u8>) {
+    /// Writes the values of numerators and weights, in native byte order.
+    fn write(&self, r: &[f32], w: &[f32], bytes: &mut [u8]) {
+        let values = r.iter().zip(w).map(|(r, w)| self.written(*r, *w));
         match self.scalar {
-            Scalar::U8 => bytes.push(value as u8),
-            Scalar::U16 => bytes.extend((value as u16).to_ne_bytes()),
-            Scalar::F32 => bytes.extend(value.to_ne_bytes()),
+            Scalar::U8 => bytes.iter_mut().zip(values).for_each(|(byte, value)| *byte = value as u8),
+            Scalar::U16 => numbers(bytes, values.map(|value| (value as u16).to_ne_bytes())),
+            Scalar::F32 => numbers(bytes, values.map(f32::to_ne_bytes)),
         }
     }
+}
+
+/// Writes numbers one after the other.
+fn numbers<const N: usize>(bytes: &mut [u8], numbers: impl Iterator<Item = [u8; N]>) {
+    bytes.as_chunks_mut::<N>().0.iter_mut().zip(numbers).for_each(|(place, number)| *place = number);
 }
 
 /// A dense box of voxels: its position on the lattice, and in the world.
@@ -140,8 +148,8 @@ impl DenseBox {
     }
 }
 
-/// Writes values that [`planes`] extracted from a volume, whole or not at all. `fields` go into
-/// the header.
+/// Writes values that [`write_values_of`] extracted from a volume, whole or not at all. `fields` go
+/// into the header.
 ///
 /// # Errors
 /// The errors of [`write_values`].
@@ -176,44 +184,118 @@ fn header(space: &DenseBox, pixel: PixelType, fields: &[(String, String)]) -> Re
     })
 }
 
-/// Writes rows of a box, made by `row(numerators, weights, bytes)`.
-fn write_rows(
+/// Rows of some planes of a box. The planes lie in one layer of the volume's blocks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// Indices of the rows along y, in the box.
+    rows: Range<u64>,
+    /// Indices of the planes along z, in the box.
+    planes: Range<u64>,
+}
+
+impl DenseBox {
+    /// Returns parts of the box in the order of a file: all rows of some planes before the next
+    /// planes. A part has one row of blocks, or as many more as `most` voxels hold. All parts
+    /// together read each block of a volume once.
+    pub fn parts(&self, most: u64) -> impl Iterator<Item = Part> + use<> {
+        let ([nx, ny, nz], [_, y0, z0]) = (self.grid.size, self.first);
+        let rows_of_blocks = most / (nx.max(1) * (EDGE * EDGE) as u64);
+        pieces(z0, nz, 1).flat_map(move |planes| {
+            pieces(y0, ny, rows_of_blocks.max(1)).map(move |rows| Part { rows, planes: planes.clone() })
+        })
+    }
+
+    /// Returns the place of a part's planes in a file of `bytes_each` a voxel.
+    fn bytes_of(&self, part: &Part, bytes_each: u64) -> Range<usize> {
+        let [nx, ny, _] = self.grid.size;
+        let at = |plane: u64| (plane * nx * ny * bytes_each) as usize;
+        at(part.planes.start)..at(part.planes.end)
+    }
+}
+
+/// Returns ranges of `count` indices, the first of which is `first` on the lattice. Each begins
+/// where a block does, and has some blocks; the first and the last may be shorter.
+fn pieces(first: i64, count: u64, blocks: u64) -> impl Iterator<Item = Range<u64>> {
+    let edge = EDGE as u64;
+    let begun = first.rem_euclid(EDGE as i64) as u64;
+    let at = move |piece: u64| (piece * blocks * edge).saturating_sub(begun).min(count);
+    (0..(begun + count).div_ceil(blocks * edge)).map(move |piece| at(piece)..at(piece + 1))
+}
+
+/// Writes a part into the bytes of its planes, by `write(numerators, weights, bytes)` for voxels
+/// along x. A volume of columns would be read slowly row by row: each voxel of a row lies in
+/// another column.
+fn write_part(
+    volume: &dyn Voxels,
+    space: &DenseBox,
+    part: &Part,
+    bytes_each: u64,
+    bytes: &mut [u8],
+    write: impl Fn(&[f32], &[f32], &mut [u8]),
+) {
+    let ([nx, ny, _], [x0, y0, z0]) = (space.grid.size, space.first);
+    let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
+    let block_of = |first: i64, index: u64| (first + index as i64).div_euclid(EDGE as i64);
+    let inside = |first: i64, index: u64| (first + index as i64).rem_euclid(EDGE as i64) as usize;
+    for ys in pieces(y0 + part.rows.start as i64, part.rows.end - part.rows.start, 1) {
+        let ys = ys.start + part.rows.start..ys.end + part.rows.start;
+        for xs in pieces(x0, nx, 1) {
+            let block = [block_of(x0, xs.start), block_of(y0, ys.start), block_of(z0, part.planes.start)];
+            match block.map(i32::try_from) {
+                [Ok(x), Ok(y), Ok(z)] => volume.block([x, y, z], &mut r, &mut w),
+                // Beyond what volumes hold.
+                _ => (r, w) = ([0.0; VOXELS], [0.0; VOXELS]),
+            }
+            for z in part.planes.clone() {
+                for y in ys.clone() {
+                    let line = (inside(z0, z) * EDGE + inside(y0, y)) * EDGE + inside(x0, xs.start);
+                    let voxels = line..line + (xs.end - xs.start) as usize;
+                    let at = ((z - part.planes.start) * ny + y) * nx;
+                    let place = ((at + xs.start) * bytes_each) as usize..((at + xs.end) * bytes_each) as usize;
+                    write(&r[voxels.clone()], &w[voxels], &mut bytes[place]);
+                }
+            }
+        }
+    }
+}
+
+/// Writes a part of a box into the values of the whole box, x fastest, in native byte order.
+pub fn write_values_of(volume: &dyn Voxels, space: &DenseBox, encoding: &Encoding, part: &Part, values: &mut [u8]) {
+    let each = encoding.scalar.bytes();
+    let bytes = &mut values[space.bytes_of(part, each)];
+    write_part(volume, space, part, each, bytes, |r, w, bytes| encoding.write(r, w, bytes));
+}
+
+/// Writes a part of a box into the weights of the whole box, like [`write_values_of`].
+pub fn write_weights_of(volume: &dyn Voxels, space: &DenseBox, part: &Part, weights: &mut [u8]) {
+    let each = Scalar::F32.bytes();
+    let bytes = &mut weights[space.bytes_of(part, each)];
+    write_part(volume, space, part, each, bytes, write_weight_bytes);
+}
+
+/// Writes weights: 0 for unseen voxels, and [`FILLED`] for filled ones.
+fn write_weight_bytes(_: &[f32], w: &[f32], bytes: &mut [u8]) {
+    let written = |w: &f32| if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes();
+    numbers(bytes, w.iter().map(written));
+}
+
+/// Writes a box of voxels to a file, by `write(numerators, weights, bytes)`.
+fn write_file(
     volume: &dyn Voxels,
     space: &DenseBox,
     path: &Path,
     header: &VolumeHeader,
-    mut row: impl FnMut(&[f32], &[f32], &mut Vec<u8>),
+    write: impl Fn(&[f32], &[f32], &mut [u8]),
 ) -> Result<(), ExportError> {
     let mut file = VolumeWriter::create(path, header)?;
     let mut bytes = Vec::new();
-    for z in 0..space.grid.size[2] {
-        bytes.clear();
-        rows_of(volume, space, z..z + 1, |r, w| row(r, w, &mut bytes));
+    for part in space.parts(u64::MAX) {
+        let each = header.pixel.bytes() as u64;
+        bytes.resize(space.bytes_of(&part, each).len(), 0);
+        write_part(volume, space, &part, each, &mut bytes, &write);
         file.write_all(&bytes).map_err(|source| ExportError::Write { path: path.to_owned(), source })?;
     }
     Ok(file.finish()?)
-}
-
-/// Passes the rows of some planes of a box, numerators and weights, to `row` in order.
-fn rows_of(volume: &dyn Voxels, space: &DenseBox, planes: Range<u64>, mut row: impl FnMut(&[f32], &[f32])) {
-    let [nx, ny, _] = space.grid.size;
-    let (mut r, mut w) = (vec![0.0; nx as usize], vec![0.0; nx as usize]);
-    let [x0, y0, z0] = space.first;
-    for z in planes {
-        for y in 0..ny {
-            volume.row([x0, y0 + y as i64, z0 + z as i64], &mut r, &mut w);
-            row(&r, &w);
-        }
-    }
-}
-
-/// Appends the values of some planes of a box, x fastest, in native byte order.
-pub fn planes(volume: &dyn Voxels, space: &DenseBox, encoding: &Encoding, planes: Range<u64>, bytes: &mut Vec<u8>) {
-    rows_of(volume, space, planes, |r, w| {
-        for (r, w) in r.iter().zip(w) {
-            encoding.push(encoding.written(*r, *w), bytes);
-        }
-    });
 }
 
 /// Writes the values of a box of voxels, whole or not at all. `fields` go into the header.
@@ -229,11 +311,7 @@ pub fn write_values(
     fields: &[(String, String)],
 ) -> Result<(), ExportError> {
     let header = header(space, encoding.scalar.pixel(), fields)?;
-    write_rows(volume, space, path, &header, |r, w, bytes| {
-        for (r, w) in r.iter().zip(w) {
-            encoding.push(encoding.written(*r, *w), bytes);
-        }
-    })
+    write_file(volume, space, path, &header, |r, w, bytes| encoding.write(r, w, bytes))
 }
 
 /// Writes the weights of a box of voxels as f32: 0 for unseen voxels, and [`FILLED`] for filled
@@ -248,23 +326,16 @@ pub fn write_weights(
     fields: &[(String, String)],
 ) -> Result<(), ExportError> {
     let header = header(space, PixelType::F32, fields)?;
-    write_rows(volume, space, path, &header, |_, w, bytes| push_weights(w, bytes))
-}
-
-fn push_weights(weights: &[f32], bytes: &mut Vec<u8>) {
-    for w in weights {
-        bytes.extend(if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes());
-    }
-}
-
-/// Appends the weights of some planes of a box, x fastest, in native byte order, like
-/// [`write_weights`].
-pub fn planes_of_weights(volume: &dyn Voxels, space: &DenseBox, planes: Range<u64>, bytes: &mut Vec<u8>) {
-    rows_of(volume, space, planes, |_, w| push_weights(w, bytes));
+    write_file(volume, space, path, &header, write_weight_bytes)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use glam::DMat3;
+    use volume::brick::BrickIndex;
+
     use super::*;
 
     fn encoding(scalar: Scalar, window: Option<[f32; 2]>) -> Encoding {
@@ -285,5 +356,66 @@ mod tests {
         }
         let e = encoding(Scalar::U16, Some([0.0, 2.0]));
         assert_eq!([-5.0, 1.0, 7.0].map(|v| e.value(v)), [0.0, 32768.0, 65535.0]);
+    }
+
+    /// Every voxel has another value; counts the blocks that are read.
+    #[derive(Default)]
+    struct Pattern(AtomicUsize);
+
+    impl Voxels for Pattern {
+        fn voxel(&self, [x, y, z]: [i64; 3]) -> (f32, f32) {
+            let weight = 1.0 + (x.rem_euclid(3)) as f32;
+            (weight * (x + 100 * y + 10_000 * z) as f32, if y % 5 == 0 { 0.0 } else { weight })
+        }
+
+        fn row(&self, [x, y, z]: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            for (x, (r, w)) in (x..).zip(r.iter_mut().zip(w)) {
+                (*r, *w) = self.voxel([x, y, z]);
+            }
+        }
+
+        fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
+            None
+        }
+
+        fn blocks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
+            Box::new(std::iter::empty())
+        }
+
+        fn bytes(&self) -> u64 {
+            0
+        }
+    }
+
+    #[test]
+    fn parts_of_any_size_give_each_voxel_and_read_each_block_once() {
+        let encoding = Encoding { unseen: -1.0, ..encoding(Scalar::F32, None) };
+        for (first, size, blocks, parts) in
+            [([-3, 5, -9], [21, 19, 13], 4 * 3 * 3, [9, 6, 3]), ([8, -16, 0], [8, 16, 1], 2, [2, 1, 1])]
+        {
+            let grid = Grid { origin: DVec3::ZERO, spacing: DVec3::ONE, direction: DMat3::IDENTITY, size };
+            let space = DenseBox { first, grid };
+            let voxels =
+                (0..size[2]).flat_map(|z| (0..size[1]).flat_map(move |y| (0..size[0]).map(move |x| [x, y, z])));
+            let at = |voxel: [u64; 3]| Pattern::default().voxel([0, 1, 2].map(|a| first[a] + voxel[a] as i64));
+            let expected: Vec<(f32, f32)> = voxels.map(at).collect();
+            for (most, parts) in [0, 3000, u64::MAX].into_iter().zip(parts) {
+                assert_eq!(space.parts(most).count(), parts, "{most}");
+                let (pattern, count) = (Pattern::default(), size.iter().product::<u64>() as usize);
+                let (mut values, mut weights) = (vec![0xff; 4 * count], vec![0xff; 4 * count]);
+                for part in space.parts(most) {
+                    write_values_of(&pattern, &space, &encoding, &part, &mut values);
+                    write_weights_of(&pattern, &space, &part, &mut weights);
+                }
+                let floats = |bytes: &[u8]| -> Vec<f32> {
+                    bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_ne_bytes(*bytes)).collect()
+                };
+                assert_eq!(floats(&weights), expected.iter().map(|(_, w)| *w).collect::<Vec<_>>());
+                assert_eq!(floats(&values), expected.iter().map(|(r, w)| encoding.written(*r, *w)).collect::<Vec<_>>());
+                // The values' blocks, and the weights': each of 64 rows.
+                assert_eq!(pattern.0.into_inner(), 2 * 64 * blocks, "{most}");
+            }
+        }
     }
 }

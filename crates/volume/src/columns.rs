@@ -217,17 +217,21 @@ impl Voxels for ColumnVolume {
         r.fill(0.0);
         w.fill(0.0);
         let Some(depth) = self.depth_of(z) else { return };
-        let mut last: Option<(TileIndex, Option<u32>)> = None;
-        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
-            let Some((tile, column)) = x.checked_add(i as i64).and_then(|x| Self::tile_of(x, y)) else { continue };
-            let slot = match last {
-                Some((same, slot)) if same == tile => slot,
-                _ => self.find(tile),
+        let mut done = 0;
+        while done < r.len() {
+            let Some((tile, first)) = x.checked_add(done as i64).and_then(|x| Self::tile_of(x, y)) else {
+                done += 1;
+                continue;
             };
-            last = Some((tile, slot));
-            if let Some((columns, weights)) = slot.map(|slot| self.tile(slot)) {
-                (*r, *w) = self.of_column(columns, weights, column, depth);
+            let count = (EDGE - first % EDGE).min(r.len() - done);
+            if let Some(slot) = self.find(tile) {
+                let (columns, weights) = self.tile(slot);
+                let places = r[done..done + count].iter_mut().zip(&mut w[done..done + count]);
+                for (i, (r, w)) in places.enumerate() {
+                    (*r, *w) = self.of_column(columns, weights, first + i, depth);
+                }
             }
+            done += count;
         }
     }
 

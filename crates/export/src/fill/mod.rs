@@ -162,6 +162,16 @@ impl Filled<'_> {
     }
 }
 
+/// Enters the values of filled voxels; NaN is none.
+fn enter(r: &mut [f32], w: &mut [f32], values: &[f32]) {
+    for ((r, w), value) in r.iter_mut().zip(w).zip(values) {
+        if !value.is_nan() {
+            // A numerator for this weight: the quotient is the value.
+            (*r, *w) = (FILLED * value, FILLED);
+        }
+    }
+}
+
 impl Voxels for Filled<'_> {
     fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
         let (mut r, mut w) = ([0.0], [0.0]);
@@ -181,15 +191,17 @@ impl Voxels for Filled<'_> {
             let inside = x.rem_euclid(edge) as usize;
             let count = (EDGE - inside).min(r.len() - done);
             if let Some(brick) = index(x).and_then(|bx| self.bricks.get(&[bx, by, bz])) {
-                let values = &brick[line + inside..line + inside + count];
-                for ((r, w), value) in r[done..done + count].iter_mut().zip(&mut w[done..done + count]).zip(values) {
-                    if !value.is_nan() {
-                        // A numerator for this weight: the quotient is the value.
-                        (*r, *w) = (FILLED * value, FILLED);
-                    }
-                }
+                let row = done..done + count;
+                enter(&mut r[row.clone()], &mut w[row], &brick[line + inside..line + inside + count]);
             }
             done += count;
+        }
+    }
+
+    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
+        self.volume.block(block, r, w);
+        if let Some(brick) = self.bricks.get(&block) {
+            enter(r, w, &brick[..]);
         }
     }
 

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use export::volume::{DenseBox, Encoding, Scalar, planes, planes_of_weights};
+use export::volume::{DenseBox, Encoding, Part, Scalar, write_values_of, write_weights_of};
 
 use super::shared_volume::Shared;
 
@@ -132,22 +132,19 @@ fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, NoV
     };
     // The cast is safe: `bytes` is within the checked limit.
     let voxels = (bytes / of_voxel) as usize;
-    let mut values = Vec::with_capacity(voxels * encoding.scalar.bytes() as usize);
-    let mut weights = Vec::with_capacity(voxels * of_weights as usize);
-    let at_once = (PART / (nx * ny).max(1)).max(1);
-    let mut z = 0;
-    while z < nz {
-        let until = (z + at_once).min(nz);
+    let mut values = vec![0; voxels * encoding.scalar.bytes() as usize];
+    let mut weights = vec![0; voxels * of_weights as usize];
+    let parts: Vec<Part> = space.parts(PART).collect();
+    for (done, part) in parts.iter().enumerate() {
         let shared = shared.lock();
         let reconstructor =
             shared.inserter.reconstructor().filter(|reconstructor| reconstructor.world_from_lattice() == lattice)?;
-        planes(reconstructor.volume(), &space, &encoding, z..until, &mut values);
+        write_values_of(reconstructor.volume(), &space, &encoding, part, &mut values);
         if of_weights > 0 {
-            planes_of_weights(reconstructor.volume(), &space, z..until, &mut weights);
+            write_weights_of(reconstructor.volume(), &space, part, &mut weights);
         }
         drop(shared);
-        z = until;
-        reader.progress(z as f64 / nz as f64);
+        reader.progress((done + 1) as f64 / parts.len() as f64);
         // Threads that wait for the volume get it before it is locked again.
         std::thread::sleep(PAUSE);
     }

@@ -1,6 +1,6 @@
 //! Upgrade when a slice leaves the plane: the general path takes over the volume.
 
-use volume::brick::{EDGE, offset};
+use volume::brick::{EDGE, VOXELS, offset};
 use volume::brick_volume::{Epoch, Slot};
 use volume::{BrickVolume, Voxels};
 
@@ -27,20 +27,17 @@ impl PlanarReconstructor {
         if bricks.reserve(count).is_err() {
             return Err(Refused::memory(bytes, self.volume.bytes()));
         }
-        let (mut r, mut w) = ([0.0; EDGE], [0.0; EDGE]);
+        let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
         for index in self.volume.blocks() {
             let (slot, _) = bricks.find_or_insert(index);
-            let first = index.map(|i| i64::from(i) * EDGE as i64);
-            for (y, z) in (0..EDGE * EDGE).map(|i| (i % EDGE, i / EDGE)) {
-                self.volume.row([first[0], first[1] + y as i64, first[2] + z as i64], &mut r, &mut w);
-                let brick = bricks.brick_mut(slot);
-                for x in 0..EDGE {
-                    let place = offset(x, y, z);
-                    (brick.r[place], brick.w[place]) = (r[x], w[x]);
-                }
+            self.volume.block(index, &mut r, &mut w);
+            let brick = bricks.brick_mut(slot);
+            for at in 0..VOXELS {
+                let place = offset(at % EDGE, at / EDGE % EDGE, at / (EDGE * EDGE));
+                (brick.r[place], brick.w[place]) = (r[at], w[at]);
             }
             if let Entry::Decay(fading) = entry {
-                self.date(&mut bricks, slot, [first[0], first[1]], &fading);
+                self.date(&mut bricks, slot, [index[0], index[1]].map(|i| i64::from(i) * EDGE as i64), &fading);
             }
         }
         let (settings, mask, admission) = (self.settings.clone(), self.mask.clone(), self.admission.clone());
