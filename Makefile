@@ -43,8 +43,8 @@ MUTANTS ?= all
 mutants: setup
 	SONOWEAVE_MUTANTS=$(MUTANTS) cargo test $(PACKAGES) --test mutants -- --include-ignored $(if $(FILTER),"$(FILTER)")
 
-# Tests numerical stability with 10⁶ slices and days of stamps, and a session that runs for long.
-# STRESS=quick takes minutes.
+# Tests numerical stability with 10⁶ slices and days of stamps, a session that runs for long, and
+# what takes long on the command line. STRESS=quick takes minutes.
 STRESS ?= full
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
@@ -52,6 +52,7 @@ stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test borders
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test steady
+	cargo test $(PACKAGES) --test cli -- --ignored
 
 # Runs a whole session for HOURS: 60 frames a second, recorded, viewed on a page that turns the view,
 # with faults each minute. Its memory must stay constant, its losses be named, and its recording

@@ -6,7 +6,8 @@
 #   scripts/test.sh CARGO-OPTIONS…
 #
 # The options select the packages. Every test program of theirs is run, and all documentation tests.
-# With --lib or --bins only unit tests are.
+# With --lib or --bins only unit tests are. With SONOWEAVE_STRESS=quick, as in CI, random draws
+# are more, and the command line's long tests are run, which are ignored otherwise.
 set -eu
 cd "$(dirname "$0")/.."
 began=$(date +%s)
@@ -37,9 +38,17 @@ if [ "$program" = doc ]; then
     # shellcheck disable=SC2086 # options are words
     cargo test $4 --doc >"$logs/$package-doc.log" 2>&1
 else
+    set --
+    case $program in
     # The command line's tests wait half of the time.
-    case $program in */cli-*) export RUST_TEST_THREADS=4 ;; esac
-    CARGO=$(command -v cargo) CARGO_MANIFEST_DIR=$folder CARGO_PKG_NAME=$package "$program" \
+    */cli-*)
+        export RUST_TEST_THREADS=4
+        [ -z "${SONOWEAVE_STRESS:-}" ] || set -- --include-ignored
+        ;;
+    # A session for minutes needs a machine with nothing else to do.
+    */soak-*) unset SONOWEAVE_STRESS ;;
+    esac
+    CARGO=$(command -v cargo) CARGO_MANIFEST_DIR=$folder CARGO_PKG_NAME=$package "$program" "$@" \
         >"$logs/$(basename "$program").log" 2>&1
 fi
 code=$?

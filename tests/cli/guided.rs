@@ -95,6 +95,7 @@ fn turning(scene: &str) -> String {
 }
 
 #[test]
+#[ignore = "takes 19 s of processor time: make stress"]
 fn point_or_plane_scan_reports_uncertainty_until_goal() {
     // The limits are twice the largest errors of four runs, at the middle and the corners.
     let scans = [("cross-wire", "point", "0.5", [0.24, 0.52]), ("tank-floor", "plane", "0.7", [0.52, 0.72])];

@@ -158,11 +158,14 @@ impl Slices {
 
     /// Returns the interpolated grey value; `None` outside of the data.
     fn grey(&self, pixels: &[u16], at: DVec2) -> Option<f64> {
-        let (u, v) = (at.x.floor(), at.y.floor());
-        if !(u >= 0.0 && v >= 0.0 && u + 1.0 < self.width as f64 && v + 1.0 < self.height as f64) {
+        if !(at.x >= 0.0 && at.y >= 0.0) {
             return None;
         }
-        let (a, b, first) = (at.x - u, at.y - v, v as usize * self.width + u as usize);
+        let (u, v) = (at.x as usize, at.y as usize);
+        if u >= self.width.saturating_sub(1) || v >= self.height.saturating_sub(1) {
+            return None;
+        }
+        let (a, b, first) = (at.x - u as f64, at.y - v as f64, v * self.width + u);
         let places = [first, first + 1, first + self.width, first + self.width + 1];
         if !places.iter().all(|place| self.is_data[*place]) {
             return None;

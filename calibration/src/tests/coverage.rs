@@ -54,11 +54,13 @@ impl Coverage {
         }
     }
 
-    /// Asserts that intervals of 95 % hold the truth in 93 to 97 of 100 cases.
+    /// Asserts that intervals of 95 % hold the truth in 93 to 97 of 100 cases, by 400 calibrations;
+    /// by fewer, the limits are wider, as the shares scatter more.
     pub(crate) fn check(&self, of: &str) {
         let calibrations = f64::from(self.calibrations);
         let shares =
             [f64::from(self.planes) / calibrations, f64::from(self.lengths) / calibrations / f64::from(LENGTHS)];
-        assert!(shares.iter().all(|share| (0.93..=0.97).contains(share)), "{of}: {shares:?}");
+        let limit = 0.02 * (400.0 / calibrations).sqrt().max(1.0);
+        assert!(shares.iter().all(|share| (share - 0.95).abs() <= limit), "{of}: {shares:?}");
     }
 }

@@ -1,7 +1,13 @@
-//! Number of random cases.
+//! Number of random cases, by the length of the stress tests: `SONOWEAVE_STRESS=full` (`make
+//! stress`), `quick` as in CI, or none. The tests' limits follow from the number.
 
-/// Returns the number of random cases of a test: `full` with `SONOWEAVE_STRESS=full` (`make
-/// stress`), a quarter of it otherwise. The test's limits follow from the number.
+/// Returns the number of cases of a test: all if the stress tests are full, a quarter otherwise.
 pub(crate) fn draws(full: u64) -> u64 {
     if std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full") { full } else { full.div_ceil(4) }
+}
+
+/// Returns the number of cases of a test that takes long: all if the stress tests are full or
+/// quick, a quarter otherwise.
+pub(crate) fn long_draws(all: u64) -> u64 {
+    if std::env::var_os("SONOWEAVE_STRESS").is_some() { all } else { all.div_ceil(4) }
 }
