@@ -128,6 +128,22 @@ fn lag_of_crossing_scan_is_found_within_standard_error() {
 }
 
 #[test]
+fn grey_is_interpolated_within_data_only() {
+    let poses = PoseSpline::new(&[0.0, 1.0].map(|time_s| PoseSample {
+        time_s,
+        rotation: DQuat::IDENTITY,
+        position_mm: DVec3::ZERO,
+    }));
+    let slices = Slices::new(8, 8, &[true; 64], DAffine3::IDENTITY, poses.unwrap());
+    let pixels: Vec<u16> = (0..64).map(|at| 256 * (at % 8 + 10 * (at / 8))).collect();
+    assert_eq!(slices.grey(&pixels, DVec2::new(2.5, 3.25)), Some(35.0));
+    for outside in [-1.0, 1.5, 6.0, 7.0, 1e300, f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+        assert_eq!(slices.grey(&pixels, DVec2::new(outside, 3.25)), None, "{outside}");
+        assert_eq!(slices.grey(&pixels, DVec2::new(3.25, outside)), None, "{outside}");
+    }
+}
+
+#[test]
 fn undetermined_lag_is_refused_by_name() {
     let mut random = Random::new(77);
     let none = scan(one_way, 0.05, 3.0, &mut random).lag(0.25).unwrap_err();
