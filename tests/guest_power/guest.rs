@@ -82,7 +82,10 @@ fn until_cut(values: &HashMap<&str, &str>) {
     });
     let handed_over = |number, at_ns| {
         if number == 0 {
-            println!("GUEST-CUT:{after}");
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(after));
+                println!("GUEST-CUT:0");
+            });
         }
         println!("frame {number} {at_ns}");
     };
