@@ -2,16 +2,22 @@
 //! enabled.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::io::Errno;
+use rustix::process::{Pid, Resource, Rlimit, Signal, prlimit};
 use serde_json::Value;
 
 use crate::list::{Mutant, SWITCH, switched};
 
-/// Time limit of a run.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
+/// Limit of a run's processor time, in seconds. Other work on the machine does not change it.
+pub(crate) const PROCESSOR_SECONDS: u64 = 120;
+
+/// Time limit of a run, for what waits without end.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// The built tests by suite.
 pub(crate) struct Build {
@@ -26,7 +32,7 @@ pub(crate) enum Outcome {
     Passed(usize),
     /// At least one test failed; the output.
     Failed(String),
-    /// The program did not end within [`PATIENCE`].
+    /// The program did not end within [`PROCESSOR_SECONDS`] or [`PATIENCE`].
     TimedOut,
 }
 
@@ -227,12 +233,18 @@ fn plant(from: &Path, tree: &Path, mutants: &[Mutant], members: &[Member]) -> Re
     remove_gone(from, tree)
 }
 
-/// Returns whether a program ends without an error; none if it does not end in time and is
-/// killed.
+/// Returns whether a program ends without an error; none if it reaches a limit and is killed.
 fn ended_well(mut child: Child) -> Option<bool> {
+    let limit = Rlimit { current: Some(PROCESSOR_SECONDS), maximum: Some(PROCESSOR_SECONDS + 1) };
+    // A program that has ended already needs no limit.
+    match prlimit(Some(Pid::from_child(&child)), Resource::Cpu, limit) {
+        Ok(_) | Err(Errno::SRCH) => {}
+        Err(error) => panic!("a limit of processor time: {error}"),
+    }
     let began = Instant::now();
     loop {
         match child.try_wait().unwrap() {
+            Some(status) if status.signal() == Some(Signal::XCPU.as_raw()) => return None,
             Some(status) => return Some(status.success()),
             None if began.elapsed() > PATIENCE => {
                 child.kill().unwrap();

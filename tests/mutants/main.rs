@@ -22,7 +22,7 @@ use std::sync::{Arc, OnceLock};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 
-use build::{Build, Outcome, PATIENCE};
+use build::{Build, Outcome, PATIENCE, PROCESSOR_SECONDS};
 use list::Mutant;
 
 /// Data that all trials share.
@@ -72,13 +72,13 @@ impl Work {
         match build.run(&mutant.suite, &mutant.test, Some(number)) {
             Outcome::Failed(_) => Ok(()),
             Outcome::TimedOut => Err(format!(
-                "mutant {:?} timed out: with it in {}, the tests {:?} of {} ran longer than {} s, and noticed nothing; \
+                "mutant {:?} timed out: with it in {}, the tests {:?} of {} ran longer than {}, and noticed nothing; \
                  give what they wait for a limit",
                 mutant.name,
                 mutant.file,
                 mutant.test,
                 mutant.suite,
-                PATIENCE.as_secs()
+                limits()
             )
             .into()),
             Outcome::Passed(tests) => Err(format!(
@@ -98,9 +98,14 @@ fn unchanged(build: &Build, mutant: &Mutant) -> Result<(), String> {
         Outcome::Passed(_) => Ok(()),
         Outcome::Failed(output) => Err(format!("{suite} {test:?} fails without any mutant:\n{output}")),
         Outcome::TimedOut => {
-            Err(format!("{suite} {test:?} without any mutant timed out: it ran longer than {} s", PATIENCE.as_secs()))
+            Err(format!("{suite} {test:?} without any mutant timed out: it ran longer than {}", limits()))
         }
     }
+}
+
+/// Returns the limits of a run, in words.
+fn limits() -> String {
+    format!("{PROCESSOR_SECONDS} s of processor time or {} s", PATIENCE.as_secs())
 }
 
 /// Returns what the first call made. A failure's details are in that call's error alone.
