@@ -19,7 +19,7 @@ const LONGEST: usize = 260;
 const REMEDIES: [&str; 2] = ["src/failure.rs", "src/app/reconstruct/filling.rs"];
 
 /// Types with sentences that have no field, and what says where instead.
-const PLACED: [(&str, &str); 31] = [
+const PLACED: [(&str, &str); 32] = [
     ("Apart", "the command names both volumes before it"),
     ("ArmError", "of the touches and the arm that the command names"),
     ("BadRegion", "follows its key or flag"),
@@ -44,6 +44,7 @@ const PLACED: [(&str, &str); 31] = [
     ("ProbeError", "of the recording that the command names"),
     ("Refused", "follows the frame's number, or is a reason in the frame ledger"),
     ("RenderError", "names the setting; the program adds its flag"),
+    ("RepeatError", "follows the frame's number"),
     ("RequestError", "answers the request that it refuses"),
     ("SectionError", "names the setting, and follows its flag"),
     ("SettingsError", "names the setting"),

@@ -86,6 +86,11 @@ fn round_up(n: usize) -> usize {
 }
 
 impl SliceFilter {
+    /// Iterates over the weights of all taps, u before v.
+    pub(crate) fn weights(&self) -> impl Iterator<Item = f32> {
+        self.taps.iter().flat_map(|taps| &taps.phases).flat_map(|phase| phase.weights.iter().copied())
+    }
+
     /// Creates the filter for images of the mask's size.
     ///
     /// `margin_px`: largest distance of contributing voxels from the data, per axis.

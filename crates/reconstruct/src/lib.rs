@@ -9,6 +9,7 @@
 //! - [`decay`]: fading of older values.
 //! - `filter`: converts a slice's pixels and certainty into spline coefficients, once.
 //! - `nodes`: the filtered image, in f32 as computed and in 16 bits as sampled.
+//! - [`stream`]: the decisions about a slice that depend on the slices before it.
 //! - `admission`: checks of every slice before insertion; `refusal`: their reasons.
 //! - `slab`: the bricks that a slice meets.
 //! - `task`: the part of a slice that falls on one brick.
@@ -43,6 +44,7 @@ pub(crate) mod sampling;
 pub mod settings;
 pub(crate) mod slab;
 pub mod spline;
+pub mod stream;
 pub(crate) mod task;
 
 #[cfg(test)]
@@ -52,6 +54,7 @@ pub use compounding::Compounding;
 pub use decay::Decay;
 pub use filter::FilterWork;
 pub use path_reconstructor::{Path, PathReconstructor};
-pub use reconstructor::{Reconstructor, Refused, Touched, Work};
+pub use reconstructor::{Entered, Reconstructor, Refused, RepeatError, Touched, Work};
 pub use settings::{Settings, SettingsError};
 pub use simd::Simd;
+pub use stream::Decision;

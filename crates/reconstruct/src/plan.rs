@@ -4,7 +4,7 @@
 use simd::Simd;
 use simd::sharing::{Handed, Sharing};
 use volume::BrickVolume;
-use volume::brick::{Ages, Brick, BrickIndex, Stamps};
+use volume::brick::{Ages, Brick, BrickBox, BrickIndex, Stamps};
 use volume::brick_volume::Slot;
 
 use super::entry::BrickData;
@@ -29,14 +29,16 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Finds a slice's bricks. A brick that does not exist is added only if a voxel of it would
-    /// change.
+    /// Finds a slice's bricks in a box. A brick that does not exist is added only if a voxel of it
+    /// would change.
     ///
     /// # Errors
-    /// [`Refused::OutOfRange`] and [`Refused::Memory`].
+    /// [`Refused::Memory`].
+    #[allow(clippy::too_many_arguments, reason = "called once, beside the filtering of the image")]
     pub(super) fn find(
         &mut self,
         geometry: &SlabGeometry,
+        bricks: &BrickBox,
         mask: &MaskSummary,
         volume: &BrickVolume,
         filtered: &FilteredSlice<'_>,
@@ -46,10 +48,9 @@ impl Plan {
         self.tasks.clear();
         self.absent.clear();
         self.considered = 0;
-        let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
         let most = limit_bytes / volume.brick_bytes();
         let room = most.saturating_sub(volume.len() as u64);
-        let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
+        let rows: u64 = [1, 2].map(|a| u64::from(bricks.high[a].abs_diff(bricks.low[a])) + 1).into_iter().product();
         // A slab of n bricks spans at most about n rows; a slab with far more rows than the
         // memory holds bricks cannot fit.
         if rows / 64 > most {
@@ -57,7 +58,7 @@ impl Plan {
         }
         let mut scratch = Scratch::new();
         let mut finder = volume.finder();
-        geometry.walk(&bricks, mask, |index, overlap| {
+        geometry.walk(bricks, mask, |index, overlap| {
             self.considered += 1;
             let found = finder.find(index);
             let task = Task::new(found.unwrap_or_default(), overlap, geometry.in_brick(index));

@@ -7,27 +7,21 @@ use mask::Mask;
 use simd::sharing::Sharing;
 use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::slice::Slice;
-use volume::brick::BrickIndex;
+use volume::brick::{BrickBox, BrickIndex};
 use volume::brick_volume::Epoch;
 use volume::{BrickVolume, Prism, Voxels};
 
 use super::admission::Admission;
-use super::compounding::{Compounding, Entry, StampClock};
+use super::compounding::Entry;
 use super::decay::DecayClock;
-use super::falloff::Falloff;
-use super::filter::{FilterWork, SliceFilter};
+use super::filter::FilterWork;
 use super::kernel::AxisKernel;
-use super::nodes::Nodes;
 use super::plan::{BrickChunk, Plan, insert_all};
-pub use super::refusal::Refused;
-use super::sampling::Sampling;
+pub use super::refusal::{Refused, RepeatError};
 use super::settings::{Settings, SettingsError};
-use super::slab::{MaskSummary, SlabGeometry};
-use super::spline::Taps;
-use super::task::{FilteredSlice, Rule, SliceTime, Task};
-
-/// Pixel sizes that differ by less than this, relatively, use the same filter.
-pub(super) const SAME_PIXEL: f64 = 1e-3;
+use super::slab::Plane;
+use super::stream::{Decision, Stream};
+use super::task::{FilteredSlice, Task};
 
 /// Changes made by an insert.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -69,30 +63,26 @@ pub struct Work {
     pub times_absurd: u64,
 }
 
-/// Data that depends on the pixel size.
-struct Prepared {
-    pixel_mm: [f64; 2],
-    kernels: [AxisKernel; 3],
-    filter: SliceFilter,
-    certainty: Nodes,
-    mask: MaskSummary,
-    rule: Rule,
-}
-
 /// Inserts slices into a sparse volume. One instance per volume, not shared between threads; it
 /// starts its own.
 pub struct Reconstructor {
-    settings: Settings,
-    mask: Mask,
+    stream: Stream,
     pool: Option<Arc<rayon::ThreadPool>>,
-    prepared: Option<Prepared>,
     volume: BrickVolume,
-    admission: Admission,
-    stamps: StampClock,
-    clock: DecayClock,
     plan: Plan,
     chunks: Vec<BrickChunk>,
     work: Work,
+    last: Option<Entered>,
+}
+
+/// A slice that was inserted, with all that is needed to insert it into another part of the
+/// volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Entered {
+    /// Decisions about it that depend on the slices before it.
+    pub decision: Decision,
+    /// Box around the bricks that it may change, in the region or not.
+    pub bricks: BrickBox,
 }
 
 impl Reconstructor {
@@ -105,19 +95,8 @@ impl Reconstructor {
         let pool = settings.pool()?;
         let mut volume = BrickVolume::remembering(Entry::of(settings.compounding)?.memory());
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
-        Ok(Self {
-            settings,
-            mask,
-            pool,
-            prepared: None,
-            volume,
-            admission: Admission::default(),
-            stamps: StampClock::default(),
-            clock: DecayClock::default(),
-            plan: Plan::default(),
-            chunks: Vec::new(),
-            work: Work::default(),
-        })
+        let (stream, plan, chunks) = (Stream::new(settings, mask), Plan::default(), Vec::new());
+        Ok(Self { stream, pool, volume, plan, chunks, work: Work::default(), last: None })
     }
 
     /// Like [`Self::new`], but continues a volume that another path began on the same lattice,
@@ -130,7 +109,8 @@ impl Reconstructor {
         clock: DecayClock,
         work: Work,
     ) -> Result<Self, SettingsError> {
-        Ok(Self { volume, admission, clock, work, ..Self::new(settings, mask)? })
+        let new = Self::new(settings, mask)?;
+        Ok(Self { stream: new.stream.after(admission, clock), volume, work, ..new })
     }
 
     /// The volume so far.
@@ -140,29 +120,29 @@ impl Reconstructor {
 
     /// Maps voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        Transform::from_affine(self.settings.world_from_lattice())
+        Transform::from_affine(self.stream.settings.world_from_lattice())
     }
 
     /// The settings in use.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.stream.settings
     }
 
     /// Kernels along u, v and the normal, once the first slice has given the pixel size.
     pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
-        self.prepared.as_ref().map(|p| &p.kernels)
+        self.stream.prepared.as_ref().map(|p| &p.kernels)
     }
 
     /// Pixel size along u and v in mm, once known.
     pub fn pixel_mm(&self) -> Option<[f64; 2]> {
-        self.prepared.as_ref().map(|p| p.pixel_mm)
+        self.stream.prepared.as_ref().map(|p| p.pixel_mm)
     }
 
     /// Node spacing of the filtered image in pixels, and the bound on its samples' deviation
     /// from the exact in-plane sum as a fraction of the image's range. `None` before the first
     /// slice.
     pub fn decimation(&self) -> Option<([f64; 2], f64)> {
-        self.prepared.as_ref().map(|p| (p.filter.step_px(), p.filter.deviation()))
+        self.stream.prepared.as_ref().map(|p| (p.filter.step_px(), p.filter.deviation()))
     }
 
     /// Work done so far.
@@ -175,14 +155,12 @@ impl Reconstructor {
     /// # Errors
     /// [`SettingsError`] when the settings cannot work with this mask; nothing has changed then.
     pub fn set_mask(&mut self, mask: Mask) -> Result<(), SettingsError> {
-        self.settings.check(&mask)?;
-        let before = (std::mem::replace(&mut self.mask, mask), self.prepared.take());
-        let Some(pixel_mm) = before.1.as_ref().map(|prepared| prepared.pixel_mm) else { return Ok(()) };
-        let made = Sharing::within(self.pool.clone().as_deref(), |sharing| self.prepare(pixel_mm, sharing));
-        if made.is_err() {
-            (self.mask, self.prepared) = before;
-        }
-        made
+        Sharing::within(self.pool.clone().as_deref(), |sharing| self.stream.set_mask(mask, sharing))
+    }
+
+    /// Returns the slice that was inserted last.
+    pub fn last(&self) -> Option<Entered> {
+        self.last
     }
 
     /// Inserts a slice into the volume.
@@ -193,32 +171,55 @@ impl Reconstructor {
         Sharing::within(self.pool.clone().as_deref(), |sharing| self.insert_with(slice, sharing))
     }
 
-    fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
-        let plane = self.admission.check(slice, &self.mask)?;
-        let stamp = match self.settings.compounding {
-            Compounding::Latest => self.stamps.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
-            _ => 0,
-        };
-        let clock = self.clock.after(slice.time_ns);
-        let time = SliceTime { stamp, elapsed_ns: clock.elapsed_ns() };
-        self.prepare(plane.pixel_mm, sharing)?;
-        let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
+    /// Inserts a slice as the stream that has seen all slices decided about it.
+    ///
+    /// # Errors
+    /// [`RepeatError`] with the reason; nothing has changed then.
+    pub fn insert_decided(&mut self, slice: &Slice, decision: &Decision) -> Result<Touched, RepeatError> {
+        Sharing::within(self.pool.clone().as_deref(), |sharing| {
+            let plane = self.stream.repeat(slice, decision, sharing)?;
+            Ok(self.enter(slice, &plane, decision, sharing)?)
+        })
+    }
 
-        let normal = prepared.kernels[2];
-        let image_from_lattice = plane.image_from_world * self.settings.world_from_lattice();
+    fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
+        let decided = self.stream.decide(slice, sharing)?;
+        let touched = self.enter(slice, &decided.plane, &decided.decision, sharing)?;
+        self.stream.entered(slice, &decided);
+        let clock = &self.stream.clock;
+        (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
+        Ok(touched)
+    }
+
+    /// Enters a slice into the bricks of the region.
+    fn enter(
+        &mut self,
+        slice: &Slice,
+        plane: &Plane,
+        decision: &Decision,
+        sharing: Sharing,
+    ) -> Result<Touched, Refused> {
+        let settings = &self.stream.settings;
+        let (simd, limit_bytes, region) = (settings.simd, settings.memory_bytes, settings.region);
+        let Some(prepared) = &mut self.stream.prepared else { return Err(SettingsError::EmptyMask.into()) };
+        let geometry = prepared.slab(plane, settings);
+        let reached = geometry.brick_box().ok_or(Refused::OutOfRange)?;
+        let entered = Entered { decision: *decision, bricks: reached };
+        let bricks = region.map_or(reached, |region| reached.within(&region));
+        if bricks.is_empty() {
+            self.last = Some(entered);
+            self.work.slices += 1;
+            return Ok(Touched::default());
+        }
         let (filter, certainty, mask) = (&mut prepared.filter, &prepared.certainty, &prepared.mask);
-        let step = filter.step_px();
-        let geometry = SlabGeometry::new(image_from_lattice, certainty, step, normal.sigma_mm, normal.support_mm);
-        let simd = self.settings.simd;
-        let rule = prepared.rule;
+        let (rule, time) = (prepared.rule, decision.time());
 
         // Finding bricks and filtering the image are independent.
         let (plan, volume) = (&mut self.plan, &self.volume);
-        let limit_bytes = self.settings.memory_bytes;
         let (planned, ()) = sharing.both(
             || {
                 let filtered = FilteredSlice::new(certainty, 0.0, certainty, time, rule);
-                plan.find(&geometry, mask, volume, &filtered, simd, limit_bytes)
+                plan.find(&geometry, &bricks, mask, volume, &filtered, simd, limit_bytes)
             },
             || filter.filter(&slice.image, sharing),
         );
@@ -257,6 +258,7 @@ impl Reconstructor {
             touched.voxels += u64::from(task.updated);
         }
         let sum = |f: fn(&Task) -> u32| tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
+        self.last = Some(entered);
         self.work.slices += 1;
         self.work.filter.pixels += filter.work.pixels;
         self.work.filter.nodes += filter.work.nodes;
@@ -266,41 +268,6 @@ impl Reconstructor {
         self.work.voxels_sampled += sum(|t| t.vectors) * simd::LANES as u64;
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
-        self.admission.entered(slice);
-        self.stamps.start(slice.time_ns);
-        self.clock = clock;
-        (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
         Ok(touched)
-    }
-
-    /// Creates kernels and filter for a pixel size, unless the present ones fit.
-    fn prepare(&mut self, pixel_mm: [f64; 2], sharing: Sharing) -> Result<(), SettingsError> {
-        let same = |p: &Prepared| (0..2).all(|a| (p.pixel_mm[a] / pixel_mm[a] - 1.0).abs() <= SAME_PIXEL);
-        if self.prepared.as_ref().is_some_and(same) {
-            return Ok(());
-        }
-        let (settings, kernels) = (&self.settings, self.settings.kernels(pixel_mm)?);
-        let method = settings.method;
-        let design = |axis: usize, name: char| {
-            if method.interpolates() {
-                return Ok(Taps::identity());
-            }
-            Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
-        };
-        let taps = [design(0, 'u')?, design(1, 'v')?];
-        let rule = Rule {
-            sampling: Sampling::of(method),
-            falloff: Falloff::new(&kernels[2]),
-            entry: Entry::of(settings.compounding)?,
-            most_weight: (settings.max_weight * kernels[2].peak()) as f32,
-        };
-        // Half a pixel to the border of the data, plus one σ: from 0.84 σ on, too little of the
-        // kernel lies on data.
-        let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
-        let mut filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin)?;
-        let certainty = filter.certainty(sharing);
-        let mask = MaskSummary::new(&certainty);
-        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask, rule });
-        Ok(())
     }
 }

@@ -53,3 +53,16 @@ impl Refused {
         Self::Memory { needed: bytes.div_ceil(size_of::<Brick>() as u64), limit_bytes }
     }
 }
+
+/// Reason why a slice was not inserted as it was decided elsewhere. The volume is as before.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RepeatError {
+    /// The slice cannot be inserted.
+    #[error(transparent)]
+    Refused(#[from] Refused),
+    /// The decision was taken with other kernels.
+    #[error(
+        "the slice's kernels are not those of the plan to the last bit, as another processor, C library or version made it: reconstruct all parts where the plan was made, or make the plan here"
+    )]
+    OtherKernels,
+}

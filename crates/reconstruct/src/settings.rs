@@ -6,6 +6,7 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use mask::Mask;
 use simd::Simd;
+use volume::brick::BrickBox;
 
 use super::compounding::Compounding;
 use super::decay::DecayError;
@@ -59,6 +60,9 @@ pub struct Settings {
     pub simd: Simd,
     /// Memory limit of the bricks, bytes.
     pub memory_bytes: u64,
+    /// Part of the lattice that is reconstructed, on the general path: bricks outside are left
+    /// out, and all others have the same bits as without it. `None` for all.
+    pub region: Option<BrickBox>,
 }
 
 impl Settings {
@@ -76,6 +80,7 @@ impl Settings {
             threads: 1,
             simd: Simd::detect(),
             memory_bytes: 8 << 30,
+            region: None,
         }
     }
 
@@ -110,6 +115,8 @@ impl Settings {
             Some(format!("the kernel {}", self.method.name()))
         } else if self.compounding.selects() {
             Some(format!("the compounding {}", self.compounding.name()))
+        } else if self.region.is_some() {
+            Some("a part of the volume".into())
         } else {
             None
         }

@@ -5,13 +5,11 @@
 //! Kajiya 1986). Each brick is then tested by interval arithmetic. The mask's summed areas tell
 //! in a few look-ups whether a brick meets only data, some data, or none.
 
-use std::ops::RangeInclusive;
-
 use glam::{DAffine3, DMat3, DVec3};
 
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use volume::Prism;
-use volume::brick::{BrickIndex, EDGE};
+use volume::brick::{BrickBox, BrickIndex, EDGE};
 
 use super::nodes::Nodes;
 
@@ -177,9 +175,9 @@ impl SlabGeometry {
         }
     }
 
-    /// Returns the bricks of the box around the slab, per axis; `None` when an index leaves the
-    /// range of a brick's coordinates.
-    pub(crate) fn brick_box(&self) -> Option<[RangeInclusive<i32>; 3]> {
+    /// Returns the bricks of the box around the slab; `None` when an index leaves the range of a
+    /// brick's coordinates.
+    pub(crate) fn brick_box(&self) -> Option<BrickBox> {
         let [u, v, q] = self.coordinates.map(|c| c.step);
         let matrix = DMat3::from_cols(u, v, q).transpose();
         let voxel_from_slab = matrix.inverse();
@@ -196,8 +194,9 @@ impl SlabGeometry {
             let index = ((x + widen) / EDGE as f64).floor();
             (index.abs() < f64::from(i32::MAX / EDGE as i32)).then_some(index as i32)
         };
-        let axis = |a: usize| Some(brick(low[a], -1.0)?..=brick(high[a], 1.0)?);
-        Some([axis(0)?, axis(1)?, axis(2)?])
+        let ends =
+            |ends: DVec3, widen: f64| Some([brick(ends.x, widen)?, brick(ends.y, widen)?, brick(ends.z, widen)?]);
+        Some(BrickBox { low: ends(low, -1.0)?, high: ends(high, 1.0)? })
     }
 
     /// Returns the slab, around all contributing voxels; lattice indices.
@@ -210,18 +209,18 @@ impl SlabGeometry {
     /// lattice, until it returns false.
     pub(crate) fn walk(
         &self,
-        bricks: &[RangeInclusive<i32>; 3],
+        bricks: &BrickBox,
         mask: &MaskSummary,
         mut visit: impl FnMut(BrickIndex, Overlap) -> bool,
     ) {
         let edge = EDGE as f64;
         let radius = self.coordinates.map(|c| c.radius());
-        let [xs, ys, zs] = bricks;
-        for z in zs.clone() {
-            for y in ys.clone() {
+        let BrickBox { low: [first_x, first_y, first_z], high: [last_x, last_y, last_z] } = *bricks;
+        for z in first_z..=last_z {
+            for y in first_y..=last_y {
                 let row_start = DVec3::new(HALF, f64::from(y) * edge + HALF, f64::from(z) * edge + HALF);
                 let starts = self.coordinates.map(|c| c.at(row_start));
-                let (mut first, mut last) = (f64::from(*xs.start()), f64::from(*xs.end()));
+                let (mut first, mut last) = (f64::from(first_x), f64::from(last_x));
                 for axis in 0..3 {
                     let step = self.coordinates[axis].step.x * edge;
                     let low = self.limits[axis][0] - radius[axis] - SLACK - starts[axis];

@@ -2,6 +2,7 @@
 
 mod compounding;
 mod decay;
+mod region;
 
 use std::sync::Arc;
 

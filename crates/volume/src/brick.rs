@@ -8,6 +8,35 @@ pub const VOXELS: usize = EDGE * EDGE * EDGE;
 /// Position of a brick on the lattice: voxel index divided by [`EDGE`], rounded down.
 pub type BrickIndex = [i32; 3];
 
+/// A box of bricks, from the lowest to the highest position, both inclusive. It is empty if an end
+/// lies before its beginning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BrickBox {
+    /// Lowest position.
+    pub low: BrickIndex,
+    /// Highest position.
+    pub high: BrickIndex,
+}
+
+impl BrickBox {
+    /// No brick.
+    pub const EMPTY: Self = Self { low: [0; 3], high: [-1; 3] };
+
+    /// Whether it holds no brick.
+    pub fn is_empty(&self) -> bool {
+        (0..3).any(|a| self.low[a] > self.high[a])
+    }
+
+    /// Returns the bricks that are in both boxes.
+    #[must_use]
+    pub fn within(&self, other: &Self) -> Self {
+        Self {
+            low: [0, 1, 2].map(|a| self.low[a].max(other.low[a])),
+            high: [0, 1, 2].map(|a| self.high[a].min(other.high[a])),
+        }
+    }
+}
+
 /// Voxels of a tile along x, y and z: sixteen adjacent voxels, one vector of the hot loops.
 ///
 /// A compact tile fits a slab better than a row of sixteen. Take the tiles that a slab ten

@@ -17,8 +17,8 @@ use super::table::{KernelTable, RowKernel};
 use crate::admission::Admission;
 use crate::decay::{DecayClock, LEAST_TOUCH};
 use crate::kernel::AxisKernel;
-use crate::reconstructor::SAME_PIXEL;
 use crate::spline::SplineError;
+use crate::stream::SAME_PIXEL;
 use crate::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
 
 /// Data fixed by the first slice.
