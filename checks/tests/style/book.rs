@@ -154,11 +154,11 @@ pub(crate) fn messages(sources: &Sources) -> Vec<Finding> {
 /// Error types, and single variants, that `live` and `devices` do not meet: those of calibration,
 /// of image files, and of other commands.
 const ELSEWHERE: &str = "Apart ArmError::Ends ArmError::Few ArmError::OneDivot ArmError::OnePose \
-    ArmError::Senseless ArmError::Undetermined ArmError::Units ArmError::Unknown BadNumber CalibrationError \
-    DenseError Error::NoDevice Error::Recorded ExportError::DicomTooLarge ExportError::DicomTooLong \
+    ArmError::Senseless ArmError::Undetermined ArmError::Units ArmError::Unknown BadMeta BadNumber BadShard \
+    CalibrationError DenseError Error::NoDevice Error::Recorded ExportError::DicomTooLarge ExportError::DicomTooLong \
     ExportError::FloatingPoint ExportError::Grid ExportError::Identifier ExportError::Memory ExportError::NoFrame \
     ExportError::Outside ExportError::Paper ExportError::PixelType ExportError::Threads ExportError::Window \
-    GeometryError LandmarksError LatencyError ListError NoImage NoLine PipelineError::NoSuchFrames PivotError \
+    GeometryError LandmarksError LatencyError ListError NoImage NoLine OmeZarrError PipelineError::NoSuchFrames PivotError \
     ProbeError TrackerError Unsolved";
 
 /// Fewest words of a sentence beside its placeholders that the page explains; others are those of

@@ -19,10 +19,12 @@ const LONGEST: usize = 260;
 const REMEDIES: [&str; 2] = ["src/failure.rs", "src/app/reconstruct/filling.rs"];
 
 /// Types with sentences that have no field, and what says where instead.
-const PLACED: [(&str, &str); 32] = [
+const PLACED: [(&str, &str); 34] = [
     ("Apart", "the command names both volumes before it"),
     ("ArmError", "of the touches and the arm that the command names"),
+    ("BadMeta", "follows the volume's path"),
     ("BadRegion", "follows its key or flag"),
+    ("BadShard", "follows the volume's path and the shard's key"),
     ("BadStatic", "follows its key"),
     ("ControlError", "answers the command that it refuses"),
     ("CovarianceError", "follows its key in the calibration's file"),

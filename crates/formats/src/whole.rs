@@ -110,7 +110,10 @@ pub(crate) fn create_folders(folder: &Path) -> io::Result<()> {
 }
 
 /// Syncs a folder, so that the names in it survive a power cut.
-pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+///
+/// # Errors
+/// Errors of the file system, unless it does not sync folders.
+pub fn sync_folder(folder: &Path) -> io::Result<()> {
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         // Not every file system syncs folders, and a folder may be writable without being readable.
         Err(error)
@@ -125,8 +128,8 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns the folder of a file.
-pub(crate) fn folder_of(path: &Path) -> &Path {
+/// Returns the folder of a file: the working folder for a bare name.
+pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
