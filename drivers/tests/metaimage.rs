@@ -239,6 +239,35 @@ fn replay_without_images_reads_no_pixels() {
 }
 
 #[test]
+fn replay_of_some_frames_skips_all_others() {
+    let folder = tempfile::tempdir().unwrap();
+    for compressed in [false, true] {
+        let path = folder.path().join(format!("{compressed}.mha"));
+        let two = sample(PixelType::U8, 1, compressed);
+        let items: Vec<SequenceItem> = two.items.iter().cycle().take(6).cloned().collect();
+        write(&path, &SequenceHeader { items, ..two }, &noise(6 * 15));
+        let all = replay(&path).unwrap();
+        for wanted in [&[] as &[u64], &[0], &[5], &[1, 2, 4], &[0, 1, 2, 3, 4, 5], &[3, 77]] {
+            let only = Some(wanted.into());
+            let mut device = Replay::open(&SequenceSettings { only, ..SequenceSettings::new(&path) }).unwrap();
+            // Once more after it has ended.
+            for _ in 0..2 {
+                device.start().unwrap();
+                let readings = drain(&mut device).unwrap();
+                let expected = all.iter().filter(|reading| wanted.contains(&reading.stamp().item));
+                assert!(readings.iter().map(text).eq(expected.map(text)), "{wanted:?}, compressed: {compressed}");
+                device.stop().unwrap();
+            }
+        }
+    }
+}
+
+/// A reading with all that it holds; numbers that are none are equal.
+fn text(reading: &Reading) -> String {
+    format!("{reading:?}")
+}
+
+#[test]
 fn replay_in_real_time_takes_recorded_duration() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");

@@ -22,3 +22,4 @@ pub(crate) mod render;
 pub(crate) mod replay;
 pub(crate) mod reporter;
 pub mod service;
+pub(crate) mod volume_input;

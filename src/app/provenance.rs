@@ -57,7 +57,7 @@ impl Made<'_> {
 }
 
 /// Returns the grey values that mean black and white in the file.
-fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
+pub(crate) fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
     match (encoding.window, pixels) {
         (Some(_), _) => [0.0, encoding.scalar.top()],
         (None, kind) => kind.grey_levels(),

@@ -4,4 +4,6 @@ pub(crate) mod batch;
 pub(crate) mod beside;
 pub(crate) mod filling;
 pub(crate) mod outputs;
+pub(crate) mod regions;
 pub(crate) mod sweep;
+pub(crate) mod zarr;

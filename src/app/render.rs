@@ -18,6 +18,7 @@ use volume::DenseVolume;
 
 use super::json::document;
 use super::reporter::Steps;
+use super::volume_input::dense;
 use crate::failure::Failure;
 use drawing::Over;
 use look::Look;
@@ -74,7 +75,7 @@ impl Request<'_> {
     pub(crate) fn run(&self, steps: Steps<'_>) -> Result<Rendered, Failure> {
         let began = Instant::now();
         let Self { look, output, .. } = self;
-        let volume = DenseVolume::open(self.volume, self.weights, self.memory_bytes)?;
+        let volume = dense(self.volume, self.weights, self.memory_bytes)?;
         let read_ms = milliseconds(began);
         let mut notes = volume.notes().to_vec();
         if volume.seen() == 0 {

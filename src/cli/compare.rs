@@ -14,6 +14,7 @@ use super::Failure;
 use super::print::print;
 use crate::app::histogram::round_up;
 use crate::app::input;
+use crate::app::volume_input::dense;
 pub use arguments::Arguments;
 use report::Report;
 
@@ -29,9 +30,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let Arguments { first, second, weights, other_weights, .. } = arguments;
     let most = arguments.most_bytes()?;
-    let a = DenseVolume::open(first, weights.as_deref(), most)?;
+    let a = dense(first, weights.as_deref(), most)?;
     let left = most.saturating_sub(a.bytes()).saturating_sub(Difference::bytes(a.header()));
-    let b = DenseVolume::open(second, other_weights.as_deref(), left)?;
+    let b = dense(second, other_weights.as_deref(), left)?;
     let refused =
         |why: String| Failure(format!("{} and {} cannot be compared: {why}", first.display(), second.display()));
     let difference = Difference::of(&a, &b, arguments.resample).map_err(|apart| {

@@ -9,7 +9,7 @@ use config::bedside::devices::TRACKER_FRAME;
 use drivers::OpenSettings;
 use drivers::replay::{Progress, SequenceSettings, SessionSettings};
 use formats::Limits;
-use formats::image::{About, Container, Content};
+use formats::image::{Container, Content, content};
 use pipeline::session::{DeviceRole, RecordedDecisions};
 use sonoweave_core::Device;
 use sonoweave_core::region::ClipRect;
@@ -23,6 +23,8 @@ use crate::app::convert::{Changes, sequence, write};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::live::stages::{Kept, roles};
+use crate::app::reconstruct::zarr::is_ome_zarr;
+use crate::app::volume_input::VolumeInput;
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
@@ -115,8 +117,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         fail!("{}: use `sonoweave dicom` to write DICOM, with names of patient and study", output.display());
     }
     let is_numbered = Pictures::are_at(input);
-    let is_session = !is_numbered && input::is_session(input)?;
-    let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };
+    let is_session = !is_numbered && !is_ome_zarr(input) && input::is_session(input)?;
+    let is_volume =
+        is_ome_zarr(input) || !is_session && !is_numbered && content(input, &Limits::default())? == Content::Volume;
     if arguments.rate.is_some() && !is_numbered {
         fail!("{}: has its own times; leave out --rate, which is for numbered pictures", input.display());
     }
@@ -127,9 +130,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         anonymize: arguments.anonymize,
         compressed: arguments.compress,
     };
-    let (what, removed) = match about {
-        Some(About { content: Content::Volume, .. }) => ("volume".to_owned(), arguments.volume(&changes)?),
-        _ => arguments.recording(changes, is_session)?,
+    let (what, removed) = match is_volume {
+        true => ("volume".to_owned(), arguments.volume(&changes)?),
+        false => arguments.recording(changes, is_session)?,
     };
     print_line!("{}: {what} of {}", output.display(), input.display());
     if arguments.anonymize {
@@ -150,7 +153,8 @@ impl Arguments {
         input::check_volume(&self.output)?;
         input::check_output(&self.output)?;
         self.check_pixels()?;
-        Ok(write::volume(&self.input, &self.output, changes, &|_| {})?)
+        let mut volume = VolumeInput::open(&self.input)?;
+        Ok(write::volume((&self.input, &mut *volume.values), &self.output, changes, &|_| {})?)
     }
 
     /// Converts a recording. Returns a description of the output, and the fields that were left

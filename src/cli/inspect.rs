@@ -20,6 +20,7 @@ use formats::image::{Content, content};
 use super::Failure;
 use crate::app::input;
 use crate::app::json::JsonFlag;
+use crate::app::reconstruct::zarr::is_ome_zarr;
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
 use session::SessionReport;
@@ -39,8 +40,8 @@ Examples:
   sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
   sonoweave inspect SESSION-20261121-213000.mcap --json")]
 pub struct Arguments {
-    /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz), session (.mcap),
-    /// our calibration TOML or a PLUS XML
+    /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .ome.zarr), session
+    /// (.mcap), our calibration TOML or a PLUS XML
     file: PathBuf,
     #[command(flatten)]
     json: JsonFlag,
@@ -125,6 +126,9 @@ impl Arguments {
 /// Recognises a file by its content.
 fn kind(path: &Path) -> Result<Kind, Failure> {
     let failed = |e: std::io::Error| Failure::io(path, "reading", &e);
+    if is_ome_zarr(path) {
+        return Ok(Kind::Volume);
+    }
     if std::fs::metadata(path).map_err(failed)?.is_dir() {
         fail!("{}: is a folder; give a file", path.display());
     }

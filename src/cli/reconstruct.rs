@@ -33,10 +33,15 @@ pub struct Arguments {
     /// volume of its name
     #[arg(required = true, value_name = "SEQUENCE")]
     sequences: Vec<PathBuf>,
-    /// Write the volume to this file (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for
-    /// DICOM); for several sweeps, to this folder
+    /// Write the volume to this file (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .dcm for DICOM, or
+    /// .ome.zarr for OME-Zarr with weights); for several sweeps, to this folder
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
+    /// Reconstruct an .ome.zarr volume in regions that fit into --max-memory, each from the frames
+    /// that reach it: the same voxels. Done by itself if memory does not suffice. An interrupted
+    /// run goes on where it was
+    #[arg(long)]
+    out_of_core: bool,
     #[command(flatten)]
     flags: Flags,
 }
@@ -46,12 +51,13 @@ pub struct Arguments {
 /// # Errors
 /// [`Failure`]: nothing was written then; for several sweeps, the failed ones were not written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { sequences, output, flags } = arguments;
+    let Arguments { sequences, output, flags, out_of_core } = arguments;
     match sequences.as_slice() {
         [sequence] => {
-            let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside())?;
+            let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside(), *out_of_core)?;
             flags.beside.json.write_text(&document)
         }
+        _ if *out_of_core => Err(Failure("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr".into())),
         _ => batch::run(sequences, output, flags),
     }
 }

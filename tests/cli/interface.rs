@@ -5,6 +5,7 @@
 //! `SONOWEAVE_GOLDEN=renew cargo test --test cli interface` writes it anew; the CHANGELOG then
 //! lists each old name beside the new one.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -87,7 +88,8 @@ fn keys(text: &mut String) {
 fn routes(text: &mut String) {
     let description = Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/console/src/openapi.json");
     let description: Value = serde_json::from_slice(&std::fs::read(description).unwrap()).unwrap();
-    for (path, methods) in description["paths"].as_object().unwrap() {
+    let paths: BTreeMap<_, _> = description["paths"].as_object().unwrap().iter().collect();
+    for (path, methods) in paths {
         let methods: Vec<_> = methods.as_object().unwrap().keys().map(|method| method.to_uppercase()).collect();
         writeln!(text, "{} {path}", methods.join(" ")).unwrap();
     }

@@ -26,6 +26,7 @@ mod interface;
 mod latency;
 mod live;
 mod modes;
+mod ome_zarr;
 mod paths;
 mod phantom;
 mod place;

@@ -138,6 +138,11 @@ impl DenseBox {
         Self { first, grid: Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size } }
     }
 
+    /// Returns the lattice indices of its first and last voxel.
+    pub fn ends(&self) -> [[i64; 3]; 2] {
+        [self.first, [0, 1, 2].map(|a| self.first[a] + self.grid.size[a] as i64 - 1)]
+    }
+
     /// Creates the smallest box around all seen voxels, given their lowest and highest indices.
     pub fn around(
         [low, high]: [[i64; 3]; 2],
@@ -273,10 +278,14 @@ pub fn write_weights_of(volume: &dyn Voxels, space: &DenseBox, part: &Part, weig
     write_part(volume, space, part, each, bytes, write_weight_bytes);
 }
 
-/// Writes weights: 0 for unseen voxels, and [`FILLED`] for filled ones.
+/// Returns the written weight: 0 for unseen voxels, and [`FILLED`] for filled ones.
+pub fn written_weight(w: f32) -> f32 {
+    if w > SEEN || w == FILLED { w } else { 0.0 }
+}
+
+/// Writes weights.
 fn write_weight_bytes(_: &[f32], w: &[f32], bytes: &mut [u8]) {
-    let written = |w: &f32| if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes();
-    numbers(bytes, w.iter().map(written));
+    numbers(bytes, w.iter().map(|w| written_weight(*w).to_ne_bytes()));
 }
 
 /// Writes a box of voxels to a file, by `write(numerators, weights, bytes)`.

@@ -114,6 +114,9 @@ pub enum Error {
         /// Content that does not fit.
         source: Unwritable,
     },
+    /// A volume that another crate reads.
+    #[error(transparent)]
+    Volume(Box<dyn std::error::Error + Send + Sync>),
 }
 
 /// Devices that read files pass these errors on.

@@ -6,6 +6,7 @@
 //! - [`OmeZarrWriter`]: writes shards in any order and by several threads, then the pyramid.
 //! - [`OmeZarr`]: reads this program's volumes and others'.
 //! - [`LevelValues`]: a level of a volume for renderers.
+//! - [`SliceReader`]: a level slice by slice, as other volume files are read.
 //!
 //! A volume is a folder, `NAME.ome.zarr`:
 //!
@@ -36,6 +37,7 @@ mod pyramid;
 mod reader;
 mod scalar;
 mod shard;
+mod slices;
 mod store;
 mod writer;
 
@@ -45,4 +47,5 @@ pub use level::LevelValues;
 pub use meta::Meta;
 pub use reader::OmeZarr;
 pub use scalar::{Samples, Scalar};
+pub use slices::SliceReader;
 pub use writer::{Begun, OmeZarrWriter};

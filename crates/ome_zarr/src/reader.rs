@@ -119,6 +119,11 @@ impl OmeZarr {
         Ok(Self { path: path.into(), own, levels, notes })
     }
 
+    /// Returns the path of its folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Returns the number of pyramid levels.
     pub fn levels(&self) -> usize {
         self.levels.len()

@@ -7,6 +7,7 @@
 //! - `masking`: the mask's status, and refusals of another.
 //! - `outcome`: the result of a run.
 //! - `observer`: observers of frames, slices and the volume.
+//! - [`regions`]: a recorded sweep in regions of its volume.
 
 pub mod command;
 pub mod control;
@@ -14,6 +15,7 @@ mod inserter;
 mod masking;
 mod observer;
 mod outcome;
+pub mod regions;
 pub mod session;
 pub mod trace;
 
@@ -26,7 +28,7 @@ use std::ops::Range;
 
 use export::volume::Scalar;
 use reconstruct::path_choice::NotPlanar;
-use reconstruct::{Refused, SettingsError};
+use reconstruct::{Refused, RepeatError, SettingsError};
 use sonoweave_core::ledger::Ledger;
 use sync::NoPath;
 use sync::survey::SurveyError;
@@ -88,6 +90,23 @@ pub enum PipelineError {
         /// The missing memory.
         #[source]
         source: Refused,
+    },
+    /// A slice of the plan cannot be inserted.
+    #[error("frame {item}: {source}")]
+    Planned {
+        /// Number of the frame in the recording.
+        item: u64,
+        /// Reason.
+        #[source]
+        source: RepeatError,
+    },
+    /// The recording is not the planned one.
+    #[error(
+        "frame {item}: is not as it was when the sweep was planned; leave the recording unchanged, and plan it again"
+    )]
+    OtherRecording {
+        /// Number of the frame in the recording.
+        item: u64,
     },
     /// No frame was used.
     #[error("no frame could be used: {0}; check the recording by these reasons")]

@@ -8,7 +8,7 @@ use volume::Voxels;
 
 use super::kernel::AxisKernel;
 use super::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
-use super::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+use super::{Entered, Reconstructor, Refused, Settings, SettingsError, Touched, Work};
 
 /// Insertion path of slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -122,6 +122,14 @@ impl PathReconstructor {
         match &mut self.active {
             Active::General(reconstructor) => reconstructor.set_mask(mask).map(|()| true),
             Active::Planar(_) => Ok(false),
+        }
+    }
+
+    /// Returns the slice that was inserted last, on the general path.
+    pub fn last(&self) -> Option<Entered> {
+        match &self.active {
+            Active::General(reconstructor) => reconstructor.last(),
+            Active::Planar(_) => None,
         }
     }
 

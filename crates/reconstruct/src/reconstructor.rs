@@ -63,6 +63,25 @@ pub struct Work {
     pub times_absurd: u64,
 }
 
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        let Self { filter, .. } = other;
+        self.slices += other.slices;
+        self.filter.pixels += filter.pixels;
+        self.filter.nodes += filter.nodes;
+        self.filter.taps += filter.taps;
+        self.bricks_considered += other.bricks_considered;
+        self.bricks_touched += other.bricks_touched;
+        self.columns_considered += other.columns_considered;
+        self.columns_touched += other.columns_touched;
+        self.voxels_sampled += other.voxels_sampled;
+        self.voxels_updated += other.voxels_updated;
+        self.weights_clamped += other.weights_clamped;
+        self.times_backwards += other.times_backwards;
+        self.times_absurd += other.times_absurd;
+    }
+}
+
 /// Inserts slices into a sparse volume. One instance per volume, not shared between threads; it
 /// starts its own.
 pub struct Reconstructor {

@@ -6,9 +6,10 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use mask::Mask;
 use simd::Simd;
+use volume::BrickVolume;
 use volume::brick::BrickBox;
 
-use super::compounding::Compounding;
+use super::compounding::{Compounding, Entry};
 use super::decay::DecayError;
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
 use super::nodes::MOST_NODES;
@@ -107,6 +108,14 @@ impl Settings {
             return Err(SettingsError::EmptyMask);
         }
         Ok(())
+    }
+
+    /// Returns the memory that a brick takes on the general path, bytes.
+    ///
+    /// # Errors
+    /// [`SettingsError::Decay`] for a decay that cannot be used.
+    pub fn brick_bytes(&self) -> Result<u64, SettingsError> {
+        Ok(BrickVolume::remembering(Entry::of(self.compounding)?.memory()).brick_bytes())
     }
 
     /// Returns the setting that the planar path does not support, if any.

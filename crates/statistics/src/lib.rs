@@ -19,7 +19,7 @@ use export::volume::DenseBox;
 use formats::whole::write_whole;
 use mask::{MaskFound, MaskSettings};
 use pipeline::Outcome;
-use reconstruct::Compounding;
+use reconstruct::{Compounding, Work};
 use sonoweave_core::ledger::Ledger;
 
 /// Distribution of the slices' insertion times, ms.
@@ -88,6 +88,33 @@ pub struct WorkNumbers {
     pub voxels_sampled: u64,
 }
 
+impl WorkNumbers {
+    /// Returns the numbers of the work done.
+    pub fn of(work: &Work) -> Self {
+        Self {
+            pixels_filtered: work.filter.pixels,
+            nodes: work.filter.nodes,
+            taps: work.filter.taps,
+            bricks_considered: work.bricks_considered,
+            columns_considered: work.columns_considered,
+            columns_touched: work.columns_touched,
+            bricks_touched: work.bricks_touched,
+            voxels_sampled: work.voxels_sampled,
+        }
+    }
+}
+
+/// Reconstruction in regions, each by itself.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RegionNumbers {
+    /// Regions that slices meet.
+    pub count: u64,
+    /// Those of them that an interrupted run had finished.
+    pub kept: u64,
+    /// Regions that each slice meets, summed over slices: how often a slice was read and filtered.
+    pub meetings: u64,
+}
+
 /// A decay rule.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DecayNumbers {
@@ -151,7 +178,7 @@ pub struct Statistics {
     pub path_reason: String,
     /// Stored blocks of 8³ voxels.
     pub bricks: u64,
-    /// Memory of the volume, bytes.
+    /// Memory of the volume, bytes; of its largest region if it was reconstructed in regions.
     pub bytes: u64,
     /// Threads that filtered and inserted.
     pub threads: usize,
@@ -199,8 +226,10 @@ pub struct Statistics {
     pub mask_found: MaskFound,
     /// Voxels whose weight was clamped, summed over slices.
     pub w_clamped: u64,
-    /// Work counters.
+    /// Work counters. Those of regions are summed.
     pub work: WorkNumbers,
+    /// The regions, if the volume was reconstructed in such.
+    pub regions: Option<RegionNumbers>,
     /// Notes for the user, as sentences.
     pub notes: Vec<String>,
 }
@@ -259,16 +288,8 @@ impl Statistics {
             data_rectangle: outcome.mask.mask.bounds().map(|r| [r.x, r.y, r.width, r.height]),
             mask_found: outcome.mask.clone(),
             w_clamped: work.weights_clamped,
-            work: WorkNumbers {
-                pixels_filtered: work.filter.pixels,
-                nodes: work.filter.nodes,
-                taps: work.filter.taps,
-                bricks_considered: work.bricks_considered,
-                columns_considered: work.columns_considered,
-                columns_touched: work.columns_touched,
-                bricks_touched: work.bricks_touched,
-                voxels_sampled: work.voxels_sampled,
-            },
+            work: WorkNumbers::of(&work),
+            regions: None,
             notes: outcome.notes.clone(),
         }
     }

@@ -27,6 +27,15 @@ impl BrickBox {
         (0..3).any(|a| self.low[a] > self.high[a])
     }
 
+    /// Returns the smallest box around both, neither of which is empty.
+    #[must_use]
+    pub fn around(&self, other: &Self) -> Self {
+        Self {
+            low: [0, 1, 2].map(|a| self.low[a].min(other.low[a])),
+            high: [0, 1, 2].map(|a| self.high[a].max(other.high[a])),
+        }
+    }
+
     /// Returns the bricks that are in both boxes.
     #[must_use]
     pub fn within(&self, other: &Self) -> Self {

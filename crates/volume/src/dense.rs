@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use formats::Limits;
-use formats::image::{VolumeHeader, VolumeReader};
+use formats::image::{VolumeHeader, VolumeReader, VolumeSlices};
 use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::reading::PixelType;
 
@@ -127,13 +127,31 @@ impl DenseVolume {
     /// [`DenseError`] when a file cannot be read whole, has several channels, needs more
     /// memory, or the weights are on another grid.
     pub fn open(path: &Path, weights: Option<&Path>, limit_bytes: u64) -> Result<Self, DenseError> {
-        let reader = Open::new(path)?;
-        let weights = weights.map(Open::new).transpose()?;
-        let header = reader.reader.header().clone();
-        if let Some(Open { path: of_weights, reader }) = &weights
+        let open = |path: &Path| VolumeReader::open(path, &Limits::default());
+        let values = (path, open(path)?);
+        Self::read(values, weights.map(|path| Ok::<_, DenseError>((path, open(path)?))).transpose()?, limit_bytes)
+    }
+
+    /// Like [`Self::open`], for readers of the values and the weights, with the paths that errors
+    /// name.
+    ///
+    /// # Errors
+    /// Same as [`Self::open`].
+    pub fn read(
+        (path, reader): (&Path, impl VolumeSlices),
+        weights: Option<(&Path, impl VolumeSlices)>,
+        limit_bytes: u64,
+    ) -> Result<Self, DenseError> {
+        let header = reader.header().clone();
+        for (path, header) in [(path, &header)].into_iter().chain(weights.iter().map(|(p, r)| (*p, r.header()))) {
+            if header.channels != 1 {
+                return Err(DenseError::Channels { path: path.into(), channels: header.channels });
+            }
+        }
+        if let Some((of_weights, reader)) = &weights
             && let Some(what) = difference(&header, reader.header())
         {
-            return Err(DenseError::OtherGrid { path: path.into(), weights: of_weights.clone(), what });
+            return Err(DenseError::OtherGrid { path: path.into(), weights: (*of_weights).into(), what });
         }
         let voxels = header.size.iter().try_fold(1_u64, |n, s| n.checked_mul(u64::from(*s)));
         let each = if weights.is_some() { 8 } else { 4 };
@@ -148,8 +166,8 @@ impl DenseVolume {
         if grid.direction.determinant().abs() < 1e-6 {
             return Err(DenseError::Flat { path: path.into() });
         }
-        let mut value = reader.read(voxels, too_large)?;
-        let mut weight = weights.map(|w| w.read(voxels, too_large)).transpose()?;
+        let mut value = scalars(reader, voxels, too_large)?;
+        let mut weight = weights.map(|(_, reader)| scalars(reader, voxels, too_large)).transpose()?;
         let notes = hide_unseen(&header, &mut value, weight.as_deref_mut());
         let canonical = canonical(grid.world_from_volume());
         let mut this = Self {
@@ -279,6 +297,11 @@ impl DenseVolume {
         &self.notes
     }
 
+    /// Adds notes for the user.
+    pub fn add_notes(&mut self, notes: impl IntoIterator<Item = String>) {
+        self.notes.extend(notes);
+    }
+
     /// Bytes used by voxels.
     pub fn bytes(&self) -> u64 {
         let each = size_of::<f32>() * (1 + usize::from(self.weight.is_some()));
@@ -324,30 +347,19 @@ impl Values for DenseVolume {
     }
 }
 
-/// A file of one channel.
-struct Open {
-    path: PathBuf,
-    reader: VolumeReader,
-}
-
-impl Open {
-    fn new(path: &Path) -> Result<Self, DenseError> {
-        let reader = VolumeReader::open(path, &Limits::default())?;
-        match reader.header().channels {
-            1 => Ok(Self { path: path.into(), reader }),
-            channels => Err(DenseError::Channels { path: path.into(), channels }),
-        }
+/// Reads all voxels.
+fn scalars(
+    mut reader: impl VolumeSlices,
+    voxels: usize,
+    too_large: impl Fn() -> DenseError,
+) -> Result<Vec<f32>, DenseError> {
+    let mut values = Vec::new();
+    values.try_reserve_exact(voxels).map_err(|_| too_large())?;
+    let pixel = reader.header().pixel;
+    while let Some(slice) = reader.next_slice()? {
+        append(slice, pixel, &mut values);
     }
-
-    fn read(mut self, voxels: usize, too_large: impl Fn() -> DenseError) -> Result<Vec<f32>, DenseError> {
-        let mut values = Vec::new();
-        values.try_reserve_exact(voxels).map_err(|_| too_large())?;
-        let pixel = self.reader.header().pixel;
-        while let Some(slice) = self.reader.next_slice()? {
-            append(slice, pixel, &mut values);
-        }
-        Ok(values)
-    }
+    Ok(values)
 }
 
 /// Appends scalars in native byte order as single precision, which holds integers of up to 24

@@ -26,6 +26,7 @@ pub struct Replay {
     /// File of the pixels, which may differ from the header's.
     data_path: PathBuf,
     images: bool,
+    only: Option<Arc<[u64]>>,
     progress: Progress,
     /// Kept open, so that a file replaced during replay does not combine its pixels with the
     /// old header.
@@ -81,6 +82,7 @@ impl Replay {
         Ok(Self {
             data_path,
             images: settings.images,
+            only: settings.only.clone(),
             progress: settings.progress.clone(),
             file: reader.into_inner(),
             pool: Pool::new(layout.layer_bytes),
@@ -120,6 +122,14 @@ impl Replay {
                 _ => Err(Error::Stopped(self.description.name.clone())),
             };
         };
+        if let Some(only) = self.only.as_ref().filter(|_| *given == 0) {
+            let next = only.get(only.partition_point(|item| item < index)).copied();
+            let next = next.filter(|next| *next < self.layout.layers);
+            if let (Some(next), Pixels::Stream(stream)) = (next, &mut *pixels) {
+                stream.skip(next - *index, self.layout.layer_bytes)?;
+            }
+            *index = next.unwrap_or(self.layout.layers);
+        }
         if *index == self.layout.layers {
             self.state = State::Ended;
             return Ok(Next::End);

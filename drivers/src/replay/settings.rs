@@ -1,6 +1,7 @@
 //! Settings of replays: the file, the parts to deliver, and the pace.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use formats::Limits;
 use formats::image::OnRows;
@@ -15,6 +16,9 @@ pub struct SequenceSettings {
     /// Whether to deliver pixels. Without them only the header is read: transforms and frames
     /// are still delivered, but the frames' pixels are empty.
     pub images: bool,
+    /// Frames to deliver, in ascending order; the others are skipped with their transforms. `None`
+    /// for all.
+    pub only: Option<Arc<[u64]>>,
     /// Replay pace, by the items' times. Items without a time are delivered at once.
     pub pace: Pace,
     /// Upper bounds on memory and item count.
@@ -40,6 +44,7 @@ impl SequenceSettings {
         Self {
             path: path.into(),
             images: true,
+            only: None,
             pace: Pace::Unpaced,
             limits: Limits::default(),
             progress: Progress::default(),

@@ -4,9 +4,8 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use export::picture::write_stored;
-use formats::Limits;
 use formats::image::write::{SequenceWriter, VolumeWriter};
-use formats::image::{VolumeHeader, VolumeReader};
+use formats::image::{VolumeHeader, VolumeSlices};
 use formats::session::{About, SessionWriter, WriterOptions};
 use formats::whole::{persist, temporary};
 use sonoweave_core::reading::{Frame, Reading, Stamp};
@@ -167,8 +166,12 @@ fn each(
 ///
 /// # Errors
 /// [`ConvertError`]: no file is left then.
-pub fn volume(from: &Path, to: &Path, changes: &Changes, told: OnProgress<'_>) -> Result<Vec<String>, ConvertError> {
-    let mut reader = VolumeReader::open(from, &Limits::default())?;
+pub fn volume(
+    (from, reader): (&Path, &mut dyn VolumeSlices),
+    to: &Path,
+    changes: &Changes,
+    told: OnProgress<'_>,
+) -> Result<Vec<String>, ConvertError> {
     let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
     if !header.placed {
         let why = "has no position in space (neither sform nor qform), which other formats require; add one";

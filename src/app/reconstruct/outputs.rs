@@ -20,6 +20,7 @@ use volume::brick_volume::SEEN;
 use super::beside::Beside;
 use super::filling::{self, advised};
 use super::sweep::Sweep;
+use super::zarr::{Description, Target, is_ome_zarr};
 use crate::app::input;
 use crate::app::json::document;
 use crate::app::provenance::Made;
@@ -79,7 +80,7 @@ impl OutputOptions {
             fail!("--size {x},{y},{z}: is more than {MOST_VOXELS} voxels, the most of a file; give a smaller size");
         }
         for path in volumes.into_iter().flatten() {
-            if volume == Some(path) && input::is_dicom(path) {
+            if volume == Some(path) && (input::is_dicom(path) || is_ome_zarr(path)) {
                 continue;
             }
             input::check_volume(path)?;
@@ -91,7 +92,7 @@ impl OutputOptions {
     ///
     /// # Errors
     /// [`Failure`] when the scalar type cannot hold them.
-    fn encoding(&self, pixels: PixelKind) -> Result<Encoding, Failure> {
+    pub(super) fn encoding(&self, pixels: PixelKind) -> Result<Encoding, Failure> {
         let input = match pixels {
             PixelKind::U8 => Scalar::U8,
             PixelKind::U16 => Scalar::U16,
@@ -120,6 +121,11 @@ impl OutputOptions {
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }
 
+    /// Returns the OME-Zarr volume to write, if it is one.
+    pub(super) fn ome_zarr(&self) -> Option<&Path> {
+        self.volume.as_deref().filter(|path| is_ome_zarr(path))
+    }
+
     /// Returns the box of voxels to write.
     ///
     /// # Errors
@@ -144,9 +150,9 @@ impl OutputOptions {
 
 /// A reconstruction, with its inputs and outputs.
 pub(crate) struct Request<'a> {
-    sequence: &'a Path,
-    options: OutputOptions,
-    began: Instant,
+    pub(super) sequence: &'a Path,
+    pub(super) options: OutputOptions,
+    pub(super) began: Instant,
     config: Config,
     mask: MaskSettings,
     frames: Option<[u64; 2]>,
@@ -201,7 +207,20 @@ impl<'a> Request<'a> {
         outcome.notes.extend(options.note.clone());
         let writes = options.volume.is_some() || beside.weights.is_some();
         let encoding = if writes { Some(options.encoding(outcome.pixels)?) } else { None };
-        let space = options.dense_box(&outcome)?;
+        let mut space = options.dense_box(&outcome)?;
+        let volume_folder = match (options.ome_zarr(), encoding) {
+            (Some(path), Some(encoding)) => {
+                let bounds = match (options.size, outcome.reached) {
+                    (None, Some(reached)) => reached,
+                    _ => space.ends(),
+                };
+                let description = Description::of(&outcome, bounds, encoding, options.size.is_some());
+                // All files have one grid.
+                space = description.space();
+                Some((path, description))
+            }
+            _ => None,
+        };
 
         let hash = input::hash(self.sequence)?;
         let volume = outcome.reconstructor.volume();
@@ -211,7 +230,11 @@ impl<'a> Request<'a> {
             fields.extend(filled.iter().flat_map(filling::fields));
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = &options.volume {
-                if input::is_dicom(path) {
+                if let Some((path, description)) = &volume_folder {
+                    let (target, _) = Target::create(path, description, &fields)?;
+                    target.write(volume, None)?;
+                    target.finish()?;
+                } else if input::is_dicom(path) {
                     self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
                 } else {
                     write_values(volume, &space, path, encoding, &fields).map_err(advised)?;
@@ -227,11 +250,21 @@ impl<'a> Request<'a> {
         let scalar = encoding.map(|e| e.scalar.name());
         let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
         statistics.fill = filled.as_ref().map(FillNumbers::of);
-        let source =
-            Source { input: self.sequence, sha256: &hash, frames: self.frames, mask: &self.mask, config: &self.config };
-        let document = document(&statistics.report(&source, picture))?;
+        let document = self.document(&statistics, &hash, picture)?;
         let filled = filled.as_ref().map(filling::sentence);
         Ok(Reconstructed { outcome, statistics, document, filled })
+    }
+
+    /// Returns the report, as a JSON document.
+    pub(super) fn document(
+        &self,
+        statistics: &Statistics,
+        sha256: &str,
+        picture: Option<&impl Serialize>,
+    ) -> Result<String, Failure> {
+        let Self { sequence: input, frames, mask, config, .. } = self;
+        let source = Source { input, sha256, frames: *frames, mask, config };
+        document(&statistics.report(&source, picture))
     }
 
     /// Writes the volume for a picture archive.
@@ -258,7 +291,7 @@ impl<'a> Request<'a> {
     }
 
     /// Returns the volume's provenance, for its header.
-    fn provenance(
+    pub(super) fn provenance(
         &self,
         outcome: &Outcome,
         space: &DenseBox,

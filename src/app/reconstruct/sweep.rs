@@ -5,12 +5,12 @@ use std::sync::atomic::AtomicBool;
 
 use config::Settings as Config;
 use drivers::replay::SequenceSettings;
+use pipeline::regions::SweepPlan;
 use pipeline::session::{Finished, Sequence, Session, SessionInputs, Source, run};
 use pipeline::{OffPlane, Outcome, PipelineError};
 use sonoweave_core::clock::Monotonic;
 
 use crate::app::reporter::Steps;
-use crate::failure::Failure;
 
 /// A recorded sweep, with the settings of its reconstruction.
 pub(crate) struct Sweep {
@@ -29,8 +29,8 @@ impl Sweep {
     /// Reconstructs the sweep. The progress of `activity` is shown by `steps`.
     ///
     /// # Errors
-    /// [`Failure`] when no frame can be used, or the run as a whole fails.
-    pub(crate) fn reconstruct(self, activity: &'static str, steps: Steps<'_>) -> Result<Outcome, Failure> {
+    /// [`PipelineError`] when no frame can be used, or the run as a whole fails.
+    pub(crate) fn reconstruct(self, activity: &'static str, steps: Steps<'_>) -> Result<Outcome, PipelineError> {
         let Self { input, frames, off_plane, session, .. } = self;
         let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
         let step = steps(activity, sequence.count());
@@ -41,6 +41,17 @@ impl Sweep {
         });
         drop(step);
         let Finished { outcome, status, .. } = ran?.finish();
-        Ok(outcome.ok_or_else(|| PipelineError::NothingUsed(Box::new(status.ledger)))?)
+        outcome.ok_or_else(|| PipelineError::NothingUsed(Box::new(status.ledger)))
+    }
+
+    /// Plans the sweep's reconstruction in regions. The progress is shown by `steps`.
+    ///
+    /// # Errors
+    /// [`PipelineError`] when no frame can be used, or the run as a whole fails.
+    pub(crate) fn plan(self, steps: Steps<'_>) -> Result<SweepPlan, PipelineError> {
+        let Self { input, frames, off_plane, session, .. } = self;
+        let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
+        let step = steps("planning", sequence.count());
+        SweepPlan::new(session, sequence, |status| step(status.ledger.frames.total))
     }
 }

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use export::fill::FILLED;
-use formats::Limits;
-use formats::image::{VolumeHeader, VolumeReader};
+use formats::image::{VolumeHeader, VolumeSlices};
 use sonoweave_core::reading::PixelType;
 use volume::brick_volume::SEEN;
 use volume::difference::{Overlap, Sums};
 
 use super::super::Failure;
 use super::text::{Text, bytes, point, short, times};
+use crate::app::volume_input::VolumeInput;
 use crate::cli::progress::progress;
 
 /// A volume's content.
@@ -90,9 +90,9 @@ impl VolumeReport {
     pub(super) fn read(path: &Path, against: Option<&Path>, weights: Option<&Path>) -> Result<Self, Failure> {
         // An impossible comparison is reported before the voxels are read.
         let comparison = against.map(|other| compare(path, other, weights)).transpose()?;
-        let coverage = weights.map(|weights| Coverage::read(path, weights)).transpose()?;
+        let coverage = Layers::weights(path, weights)?.map(Coverage::read).transpose()?;
         let mut layers = Layers::open(path)?;
-        let bar = progress("reading", u64::from(layers.reader.header().size[2]));
+        let bar = progress("reading", u64::from(layers.header().size[2]));
         let mut values = Values::default();
         let (mut sum, mut finite) = (0.0, 0_u64);
         while let Some(layer) = layers.next()? {
@@ -111,10 +111,10 @@ impl VolumeReport {
         }
         bar.finish_and_clear();
         values.mean = (finite > 0).then(|| sum / finite as f64);
-        let header = layers.reader.header().clone();
+        let header = layers.header().clone();
         Ok(Self {
             path: path.to_owned(),
-            bytes: std::fs::metadata(path)?.len(),
+            bytes: bytes_of(path)?,
             size: header.size,
             spacing: header.spacing,
             origin: header.origin,
@@ -172,8 +172,7 @@ impl VolumeReport {
 }
 
 impl Coverage {
-    fn read(path: &Path, weights: &Path) -> Result<Self, Failure> {
-        let mut layers = Layers::of_volume(&Layers::open(path)?, path, weights)?;
+    fn read(mut layers: Layers) -> Result<Self, Failure> {
         let mut this = Self::default();
         while let Some(layer) = layers.next()? {
             for &weight in layer {
@@ -206,19 +205,39 @@ impl Comparison {
 
 /// A volume's layers as f64.
 struct Layers {
-    reader: VolumeReader,
+    reader: Box<dyn VolumeSlices>,
     values: Vec<f64>,
 }
 
 impl Layers {
     fn open(path: &Path) -> Result<Self, Failure> {
-        Ok(Self { reader: VolumeReader::open(path, &Limits::default())?, values: Vec::new() })
+        Ok(Self { reader: VolumeInput::open(path)?.values, values: Vec::new() })
+    }
+
+    /// Opens a volume's weights: those given, or those that it holds itself.
+    fn weights(path: &Path, weights: Option<&Path>) -> Result<Option<Self>, Failure> {
+        let own = VolumeInput::open(path)?.weights;
+        match (own, weights) {
+            (Some(_), Some(weights)) => {
+                fail!(
+                    "{}: the volume {} holds its weights itself; leave the file out",
+                    weights.display(),
+                    path.display()
+                )
+            }
+            (Some(reader), None) => Ok(Some(Self { reader, values: Vec::new() })),
+            (None, weights) => weights.map(|weights| Self::of_volume(&Self::open(path)?, path, weights)).transpose(),
+        }
+    }
+
+    fn header(&self) -> &VolumeHeader {
+        self.reader.header()
     }
 
     /// Opens a volume's weights.
     fn of_volume(volume: &Self, path: &Path, weights: &Path) -> Result<Self, Failure> {
         let this = Self::open(weights)?;
-        let (of_volume, own) = (volume.reader.header(), this.reader.header());
+        let (of_volume, own) = (volume.header(), this.header());
         let why = match Overlap::of(of_volume, own) {
             Err(apart) => apart.to_string(),
             Ok(same) if same.size == of_volume.size && same.size == own.size => return Ok(this),
@@ -228,7 +247,7 @@ impl Layers {
     }
 
     fn next(&mut self) -> Result<Option<&[f64]>, Failure> {
-        let pixel = self.reader.header().pixel;
+        let pixel = self.header().pixel;
         let Some(bytes) = self.reader.next_slice()? else { return Ok(None) };
         self.values.clear();
         read_values(bytes, pixel, &mut self.values);
@@ -241,6 +260,15 @@ impl Layers {
         }
         Ok(())
     }
+}
+
+/// Returns the bytes of a file, or of all files in a folder.
+fn bytes_of(path: &Path) -> Result<u64, Failure> {
+    let about = std::fs::metadata(path)?;
+    if !about.is_dir() {
+        return Ok(about.len());
+    }
+    std::fs::read_dir(path)?.try_fold(0, |sum, entry| Ok(sum + bytes_of(&entry?.path())?))
 }
 
 /// Returns the value of unseen voxels: the one noted by `reconstruct`, else 0.
@@ -259,16 +287,15 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
     let refused = |other: &Path, why: String| {
         Failure(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
     };
-    let overlap =
-        Overlap::of(a.reader.header(), b.reader.header()).map_err(|apart| refused(other, apart.to_string()))?;
-    let mut w = weights.map(|weights| Layers::of_volume(&a, path, weights)).transpose()?;
+    let overlap = Overlap::of(a.header(), b.header()).map_err(|apart| refused(other, apart.to_string()))?;
+    let mut w = Layers::weights(path, weights)?;
     a.skip(overlap.first[0][2])?;
     b.skip(overlap.first[1][2])?;
     if let Some(w) = &mut w {
         w.skip(overlap.first[0][2])?;
     }
-    let width = [a.reader.header(), b.reader.header()].map(|header| header.size[0] as usize);
-    let unseen = [a.reader.header(), b.reader.header()].map(unseen_value);
+    let width = [a.header(), b.header()].map(|header| header.size[0] as usize);
+    let unseen = [a.header(), b.header()].map(unseen_value);
     let mut sums = Sums::default();
     for _ in 0..overlap.size[2] {
         let (Some(a), Some(b)) = (a.next()?, b.next()?) else { break };

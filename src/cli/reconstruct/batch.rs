@@ -24,7 +24,7 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
     for (sequence, (output, beside)) in sequences.iter().zip(outputs) {
         let name = sequence.display().to_string();
         let json = beside.json.clone().map(JsonFlag::to_file);
-        let reconstructed = reconstruct(sequence, &output, flags, beside);
+        let reconstructed = reconstruct(sequence, &output, flags, beside, false);
         rows.push(match reconstructed.and_then(|done| written(json, done)) {
             Ok((statistics, document)) => {
                 documents.push(document);

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use pipeline::PipelineError;
 use reconstruct::Path as Way;
 use statistics::Statistics;
 
@@ -12,15 +13,30 @@ use crate::cli::Failure;
 use crate::cli::progress::steps;
 
 /// Reconstructs a recorded sweep into a volume and its other outputs but the report. Returns the
-/// numbers and the report.
+/// numbers and the report. An OME-Zarr volume is reconstructed in regions if that is asked for, or
+/// memory does not suffice.
+#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(super) fn reconstruct(
     sequence: &Path,
     output: &Path,
     flags: &Flags,
     beside: Beside,
+    is_out_of_core: bool,
 ) -> Result<(Statistics, String), Failure> {
-    let (request, sweep) = flags.request(sequence, Some(output), beside)?;
-    let done = request.finish(sweep.reconstruct("reconstructing", &steps)?, None::<&()>)?;
+    let (request, sweep) = flags.request(sequence, Some(output), beside.clone())?;
+    let done = if is_out_of_core {
+        request.check_regions()?;
+        request.finish_in_regions(sweep.plan(&steps)?, &steps)?
+    } else {
+        match sweep.reconstruct("reconstructing", &steps) {
+            Err(error @ PipelineError::Memory { .. }) if request.check_regions().is_ok() => {
+                eprintln!("sonoweave: note: {error}; the volume is reconstructed in regions instead");
+                let (request, sweep) = flags.request(sequence, Some(output), beside)?;
+                request.finish_in_regions(sweep.plan(&steps)?, &steps)?
+            }
+            outcome => request.finish(outcome?, None::<&()>)?,
+        }
+    };
     report(request.options(), &done);
     Ok((done.statistics, done.document))
 }
@@ -61,6 +77,18 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
             statistics.threads,
             if statistics.threads == 1 { "" } else { "s" },
             statistics.simd,
+        );
+    }
+    if let Some(regions) = &statistics.regions {
+        let kept =
+            if regions.kept > 0 { format!(", {} of them kept from before", regions.kept) } else { String::new() };
+        print_line!(
+            "{} region{}{kept}; a slice meets {:.1} (mean), {:.0} MB of bricks in the largest, {} voxels updated",
+            regions.count,
+            if regions.count == 1 { "" } else { "s" },
+            regions.meetings as f64 / outcome.ledger.frames.used.max(1) as f64,
+            statistics.bytes as f64 / 1e6,
+            statistics.voxels_updated,
         );
     }
     let [su, sv, sn] = statistics.sigma_mm;

@@ -45,5 +45,5 @@ pub use layout::Content;
 pub use open::{Opened, open_sequence};
 pub use spacing::ELEMENT_SPACING;
 pub use transposed::OnRows;
-pub use volume::VolumeReader;
+pub use volume::{VolumeReader, VolumeSlices};
 pub use volume_header::VolumeHeader;

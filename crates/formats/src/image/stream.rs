@@ -1,6 +1,6 @@
 //! Reads pixel data frame by frame: raw, compressed or as text, into native byte order.
 
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, Seek};
 use std::path::{Path, PathBuf};
 
 use flate2::{Decompress, FlushDecompress, Status};
@@ -88,6 +88,25 @@ impl<R: BufRead> PixelStream<R> {
         if self.swap > 1 {
             out.chunks_exact_mut(self.swap).for_each(<[u8]>::reverse);
         }
+        Ok(())
+    }
+
+    /// Skips layers of `bytes` each. Nothing of raw data is read; other data are read as usual.
+    ///
+    /// # Errors
+    /// Same as [`Self::read`].
+    pub fn skip(&mut self, layers: u64, bytes: usize) -> Result<(), Error>
+    where
+        R: Seek,
+    {
+        if self.encoding != Encoding::Raw {
+            let mut layer = vec![0; bytes];
+            return (0..layers).try_for_each(|_| self.read(&mut layer));
+        }
+        let skipped = i64::try_from(layers * bytes as u64).unwrap_or(i64::MAX);
+        self.reader.seek_relative(skipped).map_err(|error| self.failed(error))?;
+        self.consumed += layers * bytes as u64;
+        self.next += layers;
         Ok(())
     }
 

@@ -14,6 +14,29 @@ use crate::image::stream::PixelStream;
 use crate::image::volume_header::VolumeHeader;
 use crate::{Error, Limits};
 
+/// A volume that is read slice by slice.
+pub trait VolumeSlices {
+    /// Returns the volume's header.
+    fn header(&self) -> &VolumeHeader;
+
+    /// Returns the next slice along the third index axis: `size[0]·size[1]·channels` scalars in
+    /// native byte order, x fastest. `None` after the last.
+    ///
+    /// # Errors
+    /// [`Error`] when it cannot be read, or is damaged. No slices follow an error.
+    fn next_slice(&mut self) -> Result<Option<&[u8]>, Error>;
+}
+
+impl VolumeSlices for VolumeReader {
+    fn header(&self) -> &VolumeHeader {
+        self.header()
+    }
+
+    fn next_slice(&mut self) -> Result<Option<&[u8]>, Error> {
+        self.next_slice()
+    }
+}
+
 /// Reads a volume slice by slice. Memory: the header and one slice.
 ///
 /// ```no_run

@@ -60,6 +60,11 @@ impl Sequence {
         self.frames.end.min(total).saturating_sub(self.frames.start)
     }
 
+    /// Returns the recording.
+    pub(crate) fn input(&self) -> &SequenceSettings {
+        &self.input
+    }
+
     /// Returns the role of the only device.
     pub(super) fn role(&self) -> DeviceRole {
         let name = self.input.path.display().to_string();

@@ -1,0 +1,212 @@
+//! A reconstructed volume as OME-Zarr: its shards are written from bricks, the whole volume at
+//! once or region by region.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use export::volume::{DenseBox, Encoding, Scalar, written_weight};
+use ome_zarr::{Begun, Extent, Meta, OmeZarrError, OmeZarrWriter, Samples, ShardIndex};
+use pipeline::Outcome;
+use reconstruct::Settings;
+use sonoweave_core::frames::{Transform, Volume, World};
+use volume::Voxels;
+use volume::brick::{BrickBox, BrickIndex, EDGE, VOXELS};
+
+use crate::app::provenance::range;
+use crate::failure::Failure;
+
+/// End of the name of such a volume, in lower case.
+const END: &str = ".ome.zarr";
+
+/// Whether a path's name is that of an OME-Zarr volume.
+pub(crate) fn is_ome_zarr(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(END))
+}
+
+/// Properties of a volume to be written.
+pub(super) struct Description<'a> {
+    /// First and last voxel, both inclusive: those that slices reach, or a box that was given.
+    pub(super) bounds: [[i64; 3]; 2],
+    /// Maps voxel indices to world mm.
+    pub(super) world_from_lattice: Transform<World, Volume>,
+    /// Settings of the reconstruction.
+    pub(super) settings: &'a Settings,
+    /// Encoding of the values.
+    pub(super) encoding: Encoding,
+    /// Values of black and white.
+    pub(super) range: [f32; 2],
+    /// Box of the slices' data, unless the volume is cropped.
+    pub(super) slices_box: Option<[[i64; 3]; 2]>,
+}
+
+impl<'a> Description<'a> {
+    /// Describes a volume by its reconstruction.
+    pub(super) fn of(outcome: &'a Outcome, bounds: [[i64; 3]; 2], encoding: Encoding, is_cropped: bool) -> Self {
+        let reconstructor = &outcome.reconstructor;
+        Self {
+            bounds,
+            world_from_lattice: reconstructor.world_from_lattice(),
+            settings: reconstructor.settings(),
+            encoding,
+            range: range(outcome.pixels, &encoding),
+            slices_box: outcome.reached.filter(|_| !is_cropped),
+        }
+    }
+
+    /// Returns the voxels and their shards.
+    pub(super) fn extent(&self) -> Extent {
+        Extent::around(self.bounds)
+    }
+
+    /// Returns the box of all elements.
+    pub(super) fn space(&self) -> DenseBox {
+        let Extent { first, size, .. } = self.extent();
+        DenseBox::new(first, size, self.world_from_lattice, self.settings)
+    }
+}
+
+/// A volume that is being written.
+pub(super) struct Target {
+    writer: OmeZarrWriter,
+    bounds: [[i64; 3]; 2],
+    encoding: Encoding,
+    pool: rayon::ThreadPool,
+}
+
+impl Target {
+    /// Begins a volume, or goes on with one that was interrupted. `fields` describe its origin.
+    ///
+    /// # Errors
+    /// [`Failure`] when the folder cannot be written; an earlier volume is unchanged.
+    pub(super) fn create(
+        path: &Path,
+        description: &Description<'_>,
+        fields: &[(String, String)],
+    ) -> Result<(Self, Begun), Failure> {
+        let Description { bounds, settings, encoding, range, slices_box, .. } = description;
+        let space = description.space();
+        let meta = Meta {
+            extent: description.extent(),
+            origin: space.grid.origin,
+            spacing: space.grid.spacing,
+            direction: space.grid.direction,
+            scalar: match encoding.scalar {
+                Scalar::U8 => ome_zarr::Scalar::U8,
+                Scalar::U16 => ome_zarr::Scalar::U16,
+                Scalar::F32 => ome_zarr::Scalar::F32,
+            },
+            unseen: encoding.unseen,
+            label: false,
+            range: Some(*range),
+            slices_box: *slices_box,
+            fields: fields.to_vec(),
+            content_key: content_key(settings, encoding, fields),
+        };
+        let (writer, begun) = OmeZarrWriter::create(path, &meta)?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads.max(1)).build()?;
+        Ok((Self { writer, bounds: *bounds, encoding: *encoding, pool }, begun))
+    }
+
+    /// Whether all shards of a region are written.
+    pub(super) fn has(&self, region: &BrickBox) -> bool {
+        self.shards(Some(region)).into_iter().all(|shard| self.writer.is_done(0, shard))
+    }
+
+    /// Writes the shards of a region, or all; those that hold nothing are left out.
+    ///
+    /// # Errors
+    /// [`Failure`] when a file cannot be written; what is written is kept for another run.
+    pub(super) fn write(&self, volume: &dyn Voxels, region: Option<&BrickBox>) -> Result<(), Failure> {
+        let held: BTreeSet<ShardIndex> = volume.blocks().filter_map(|block| self.shard_of(block)).collect();
+        let written = self.pool.install(|| {
+            self.shards(region).par_iter().try_for_each(|shard| match held.contains(shard) {
+                true => self.write_shard(volume, *shard),
+                false => self.writer.leave_out(*shard),
+            })
+        });
+        Ok(written?)
+    }
+
+    /// Writes the pyramid, and gives the volume its name.
+    ///
+    /// # Errors
+    /// [`Failure`] when a file cannot be written; an earlier volume is unchanged.
+    pub(super) fn finish(self) -> Result<(), Failure> {
+        let Self { writer, pool, .. } = self;
+        Ok(pool.install(|| writer.finish())?)
+    }
+
+    /// Returns the shard of a block of 8³ voxels, if it is one.
+    fn shard_of(&self, block: BrickIndex) -> Option<ShardIndex> {
+        let Extent { first, shard, .. } = self.writer.meta().extent;
+        let at = |a: usize| u64::try_from(i64::from(block[a]) * EDGE as i64 - first[a]).ok().map(|at| at / shard);
+        let index = [at(2)?, at(1)?, at(0)?];
+        self.writer.meta().extent.shard_size(0, index).map(|_| index)
+    }
+
+    /// Returns the shards of a region, or all.
+    fn shards(&self, region: Option<&BrickBox>) -> Vec<ShardIndex> {
+        let extent = self.writer.meta().extent;
+        let is_inside = |index: &ShardIndex| {
+            let first = extent.shard_first(*index).map(|voxel| voxel.div_euclid(EDGE as i64));
+            region.is_none_or(|region| {
+                (0..3).all(|a| (i64::from(region.low[a])..=i64::from(region.high[a])).contains(&first[a]))
+            })
+        };
+        extent.shard_indices(0).filter(is_inside).collect()
+    }
+
+    fn write_shard(&self, volume: &dyn Voxels, shard: ShardIndex) -> Result<(), OmeZarrError> {
+        let extent = self.writer.meta().extent;
+        let [nz, ny, nx] = extent.shard_size(0, shard).unwrap_or_default();
+        let first = extent.shard_first(shard);
+        let (mut values, mut weights) = (vec![self.encoding.unseen; nx * ny * nz], vec![0.0; nx * ny * nz]);
+        let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
+        let [low, high] = self.bounds;
+        for block in (0..nz)
+            .step_by(EDGE)
+            .flat_map(|z| (0..ny).step_by(EDGE).flat_map(move |y| (0..nx).step_by(EDGE).map(move |x| [x, y, z])))
+        {
+            let start: [i64; 3] = std::array::from_fn(|a| first[a] + block[a] as i64);
+            // Shards begin at multiples of a block's edge.
+            volume.block(start.map(|voxel| (voxel / EDGE as i64) as i32), &mut r, &mut w);
+            for at in 0..VOXELS {
+                let inside = [at % EDGE, at / EDGE % EDGE, at / (EDGE * EDGE)];
+                let [x, y, z]: [usize; 3] = std::array::from_fn(|a| block[a] + inside[a]);
+                let voxel: [i64; 3] = std::array::from_fn(|a| start[a] + inside[a] as i64);
+                let is_kept = (0..3).all(|a| (low[a]..=high[a]).contains(&voxel[a]));
+                if is_kept && x < nx && y < ny && z < nz {
+                    let place = (z * ny + y) * nx + x;
+                    values[place] = self.encoding.written(r[at], w[at]);
+                    weights[place] = written_weight(w[at]);
+                }
+            }
+        }
+        match self.encoding.scalar {
+            Scalar::U8 => {
+                let values: Vec<u8> = values.iter().map(|value| *value as u8).collect();
+                self.writer.write_shard(shard, Samples::U8(&values), &weights)
+            }
+            Scalar::U16 => {
+                let values: Vec<u16> = values.iter().map(|value| *value as u16).collect();
+                self.writer.write_shard(shard, Samples::U16(&values), &weights)
+            }
+            Scalar::F32 => self.writer.write_shard(shard, Samples::F32(&values), &weights),
+        }
+    }
+}
+
+/// Returns the SHA-256 of all that the voxels follow from: the inputs and settings in `fields`, and
+/// the settings that these leave out.
+fn content_key(settings: &Settings, encoding: &Encoding, fields: &[(String, String)]) -> String {
+    let Settings { spacing_mm, lattice_origin_mm, lattice_direction, method, compounding, .. } = settings;
+    let Settings { sigma_mm, support, max_weight, .. } = settings;
+    let text = format!(
+        "{spacing_mm:?} {lattice_origin_mm:?} {lattice_direction:?} {method:?} {compounding:?} {sigma_mm:?} \
+         {support:?} {max_weight:?} {encoding:?} {fields:?}"
+    );
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
