@@ -1,7 +1,7 @@
 """Checks an OME-Zarr volume with other programs' readers.
 
-Usage: ome_zarr.py VOLUME.ome.zarr. Needs zarr, ome-zarr-models and tensorstore. Every group must
-be valid; zarr-python and tensorstore must find the same bits; each voxel of a coarser level must
+Usage: ome_zarr.py VOLUME.ome.zarr. Needs zarr 3.1.6, ome-zarr-models 1.7 and tensorstore 0.1.86 or
+later. Every group must be valid; zarr-python and tensorstore must find the same bits; each voxel of a coarser level must
 lie in the middle of its children, and have their weighted mean. Ends with an error at the first
 difference.
 """

@@ -15,10 +15,15 @@ use zarrs::storage::byte_range::ByteRange;
 use zarrs::storage::{Bytes, ReadableStorageTraits as _, StorageError, StoreKey};
 
 use crate::cache::Cache;
+use crate::frame::claimed_size;
 use crate::store::FolderStore;
 
 /// Name of the codec that makes shards.
 const SHARDING: &str = "sharding_indexed";
+/// Codec whose frames claim a size.
+const ZSTD: &str = "zstd";
+/// Bytes that codecs within zstd may add to a chunk.
+const ADDED_BYTES: u64 = 1 << 10;
 /// Bytes of shards' indices that stay in memory.
 const INDEX_BYTES: u64 = 16 << 20;
 
@@ -53,6 +58,8 @@ pub(crate) struct Chunks {
     array: Array<FolderStore>,
     codecs: Arc<CodecChain>,
     shards: Option<Shards>,
+    /// Most bytes that a chunk's zstd frame may have, if it is one.
+    most_in_frame: Option<u64>,
     /// Elements of a chunk along all axes.
     pub(crate) chunk: Vec<NonZeroU64>,
     /// Elements of a shard along all axes; those of a chunk without shards.
@@ -79,11 +86,11 @@ impl Chunks {
     pub(crate) fn new(array: Array<FolderStore>, metadata: &Value) -> Result<Self, String> {
         let grid = array.chunk_shape(&vec![0; array.dimensionality()]).map_err(|error| error.to_string())?;
         let shard: Vec<NonZeroU64> = grid.to_vec();
-        let codecs = metadata["codecs"].as_array().map_or(&[][..], Vec::as_slice);
+        let codecs = list(&metadata["codecs"]);
         // Codecs around the shards are rare: such shards are decoded as whole chunks.
-        let [sharding] = codecs else { return Ok(Self::without_shards(array, shard)) };
+        let [sharding] = codecs else { return Ok(Self::without_shards(array, codecs, shard)) };
         if sharding["name"] != SHARDING {
-            return Ok(Self::without_shards(array, shard));
+            return Ok(Self::without_shards(array, codecs, shard));
         }
         let configuration = &sharding["configuration"];
         let chain = |codecs: &Value| {
@@ -106,11 +113,14 @@ impl Chunks {
         };
         let is_at_end = configuration["index_location"] != "start";
         let shards = Some(Shards { codecs, bytes, is_at_end, shape, cache: Cache::new(INDEX_BYTES) });
-        Ok(Self { array, codecs: Arc::new(chain(&configuration["codecs"])?), shards, chunk, shard })
+        let most_in_frame = most_in_frame(&array, list(&configuration["codecs"]), &chunk);
+        let codecs = Arc::new(chain(&configuration["codecs"])?);
+        Ok(Self { array, codecs, shards, most_in_frame, chunk, shard })
     }
 
-    fn without_shards(array: Array<FolderStore>, chunk: Vec<NonZeroU64>) -> Self {
-        Self { codecs: array.codecs(), array, shards: None, shard: chunk.clone(), chunk }
+    fn without_shards(array: Array<FolderStore>, codecs: &[Value], chunk: Vec<NonZeroU64>) -> Self {
+        let most_in_frame = most_in_frame(&array, codecs, &chunk);
+        Self { codecs: array.codecs(), array, shards: None, most_in_frame, shard: chunk.clone(), chunk }
     }
 
     /// Returns the bytes of the value that chunks have where they are not stored.
@@ -123,6 +133,9 @@ impl Chunks {
     pub(crate) fn read(&self, index: &[u64]) -> Result<Option<Vec<u8>>, Fault> {
         let Some((key, range)) = self.locate(index)? else { return Ok(None) };
         let Some(bytes) = self.array.storage().get_partial(&key, range)? else { return Ok(None) };
+        if claimed_size(&bytes).zip(self.most_in_frame).is_some_and(|(claimed, most)| claimed > most) {
+            return Err(Fault::Damaged("a chunk claims to be larger than all others".to_owned()));
+        }
         let options = CodecOptions::default().with_concurrent_target(1);
         let (data_type, fill) = (self.array.data_type(), self.array.fill_value());
         let decode = || self.codecs.decode(bytes.to_vec().into(), &self.chunk, data_type, fill, &options);
@@ -174,6 +187,17 @@ impl Chunks {
         shards.cache.put(place, index.clone(), size_of_val(&**index) as u64);
         Ok(Some(index))
     }
+}
+
+fn list(value: &Value) -> &[Value] {
+    value.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// Returns the most bytes of a zstd frame, if zstd is the last codec.
+fn most_in_frame(array: &Array<FolderStore>, codecs: &[Value], chunk: &[NonZeroU64]) -> Option<u64> {
+    let element = array.fill_value().as_ne_bytes().len() as u64;
+    let bytes = chunk.iter().try_fold(element, |n, edge| n.checked_mul(edge.get()));
+    bytes.and_then(|n| n.checked_add(ADDED_BYTES)).filter(|_| codecs.last().is_some_and(|last| last["name"] == ZSTD))
 }
 
 impl Shards {

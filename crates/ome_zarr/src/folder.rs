@@ -64,7 +64,8 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OmeZarrError> 
     let write = || -> io::Result<()> {
         fs::create_dir_all(folder_of(path))?;
         let mut file = temporary(path)?;
-        file.write_all(bytes)?;
+        // The type of temporary files adds their names to errors.
+        file.as_file_mut().write_all(bytes)?;
         file.as_file().sync_all()?;
         file.persist(path).map(drop).map_err(|error| error.error)
     };

@@ -27,6 +27,7 @@ mod chunks;
 mod error;
 mod extent;
 mod folder;
+mod frame;
 mod gauge;
 mod image;
 mod level;

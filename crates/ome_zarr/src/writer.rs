@@ -60,6 +60,9 @@ impl OmeZarrWriter {
     /// unchanged.
     pub fn create(path: &Path, meta: &Meta) -> Result<(Self, Begun), OmeZarrError> {
         meta.check().map_err(|source| OmeZarrError::Unwritable { path: path.into(), source })?;
+        // The folder behind a link is replaced, and the link stays.
+        let behind = if path.is_symlink() { fs::canonicalize(path).ok() } else { None };
+        let path = behind.as_deref().unwrap_or(path);
         folder::check_target(path)?;
         let codec = |kind| {
             let array =

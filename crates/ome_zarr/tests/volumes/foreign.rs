@@ -231,3 +231,21 @@ fn image_named_weight_of_others_may_be_anything() {
     std::fs::write(folder.path().join("a.ome.zarr/weight/zarr.json"), "{}").unwrap();
     assert!(matches!(OmeZarr::open(&folder.path().join("a.ome.zarr")), Err(OmeZarrError::NoImage { .. })));
 }
+
+#[test]
+fn chunk_of_another_size_takes_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let group = image(&axes(&[], "millimeter"), 3);
+    let codecs = json!([{"name": "bytes"}, {"name": "zstd", "configuration": {"level": 1, "checksum": false}}]);
+    write(
+        folder.path(),
+        &group,
+        &array(&[], "uint8", &[7, 9, 11], codecs),
+        &numbers().map(|n| n as u8).collect::<Vec<_>>(),
+    );
+    // A frame of one segment that claims 2⁶² bytes.
+    let frame = [0x28, 0xb5, 0x2f, 0xfd, 0xe0, 0, 0, 0, 0, 0, 0, 0, 0x40, 0, 0];
+    std::fs::write(folder.path().join("scale0/0.0.0"), frame).unwrap();
+    let error = OmeZarr::open(folder.path()).unwrap().read(0, [0; 3], [11, 9, 7]).unwrap_err();
+    assert!(matches!(&error, OmeZarrError::Damaged { problem, .. } if problem.contains("claims")), "{error}");
+}

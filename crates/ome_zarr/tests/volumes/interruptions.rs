@@ -138,6 +138,18 @@ fn earlier_volume_stays_until_the_end() {
 }
 
 #[test]
+fn volume_behind_a_link_is_replaced_and_the_link_stays() {
+    let (folder, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (path, link) = (folder.path().join("a.ome.zarr"), other.path().join("b.ome.zarr"));
+    Scene::new(meta([0; 3], [30, 5, 5], Scalar::F32), 1).write(&path);
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    let scene = scene();
+    scene.write(&link);
+    assert!(link.is_symlink() && tree(&path) == uninterrupted(&scene));
+    assert_eq!([&folder, &other].map(|folder| std::fs::read_dir(folder.path()).unwrap().count()), [1, 1]);
+}
+
+#[test]
 fn refused_write_leaves_the_rest_to_go_on() {
     let scene = scene();
     let expected = uninterrupted(&scene);
