@@ -23,7 +23,8 @@ quick: setup
 style: setup
 	cargo test -p sonoweave-checks --locked
 
-# Runs all tests that need neither hardware nor other programs, several programs at a time.
+# Runs the tests that need neither hardware nor other programs, several programs at a time, but for
+# those of the figures, the errors in the source, and the command line's five longest.
 test: setup
 	scripts/test.sh $(PACKAGES)
 
