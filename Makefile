@@ -44,11 +44,14 @@ MUTANTS ?= all
 mutants: setup
 	SONOWEAVE_MUTANTS=$(MUTANTS) cargo test $(PACKAGES) --test mutants -- --include-ignored $(if $(FILTER),"$(FILTER)")
 
-# Tests numerical stability with 10⁶ slices and days of stamps, a session that runs for long, and
-# what takes long on the command line. STRESS=quick takes minutes.
+# Tests numerical stability with 10⁶ slices and days of stamps, the clocks with 10⁶ random cases, a
+# session that runs for long, and what takes long on the command line. STRESS=quick takes minutes.
 STRESS ?= full
+# Cases of each of the five properties of clocks.
+CASES ?= $(if $(filter quick,$(STRESS)),2000,200000)
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
+	PROPTEST_CASES=$(CASES) cargo test -p sonoweave -p sonoweave-sync --locked --lib clock::tests
 	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test borders
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
