@@ -23,7 +23,8 @@ quick: setup
 style: setup
 	cargo test -p sonoweave-checks --locked
 
-# Runs all tests that need neither hardware nor other programs, several programs at a time.
+# Runs the tests that need neither hardware nor other programs, several programs at a time, but for
+# those of the figures, the errors in the source, and the command line's five longest.
 test: setup
 	scripts/test.sh $(PACKAGES)
 
@@ -43,11 +44,14 @@ MUTANTS ?= all
 mutants: setup
 	SONOWEAVE_MUTANTS=$(MUTANTS) cargo test $(PACKAGES) --test mutants -- --include-ignored $(if $(FILTER),"$(FILTER)")
 
-# Tests numerical stability with 10⁶ slices and days of stamps, a session that runs for long, and
-# what takes long on the command line. STRESS=quick takes minutes.
+# Tests numerical stability with 10⁶ slices and days of stamps, the clocks with 10⁶ random cases, a
+# session that runs for long, and what takes long on the command line. STRESS=quick takes minutes.
 STRESS ?= full
+# Cases of each of the five properties of clocks.
+CASES ?= $(if $(filter quick,$(STRESS)),2000,200000)
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
+	PROPTEST_CASES=$(CASES) cargo test -p sonoweave -p sonoweave-sync --locked --lib clock::tests
 	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test borders
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
@@ -108,13 +112,15 @@ peers:
 # (800 MB, from the package index that pip is set up for). Images: SimpleITK, VTK, pynrrd and
 # nibabel find the same voxels at the same place. DICOM: dciodvfy finds no error, pydicom the same
 # voxels at the same place, and an Orthanc server on loopback returns what it received. OpenIGTLink:
-# the reference library and pyigtl, as clients and as servers.
+# the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of MCAP
+# and Foxglove's own classes find the same pictures and poses.
 interop:
 	@scripts/setup.sh interop
 	scripts/interop/environment.sh
 	scripts/interop/run.sh
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
+	scripts/interop/session.sh
 
 # Tests the console's page in Debian's Chromium: it shows a session at the virtual bedside, steers
 # it, and loses and finds it again. Pictures of the page are in out/console-test.

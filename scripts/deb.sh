@@ -53,8 +53,8 @@ put "$place/rules" usr/lib/udev/rules.d/70-sonoweave.rules
 
 # A calibration is the bedside's own: the configuration names none, and no example is installed as
 # one.
-sed -e 's|fastrak-grabber\.toml|/etc/sonoweave/bedside.toml|' -e 's|^file = "probe\.toml" *#|#file = "probe.toml"              #|' \
-    docs/examples/fastrak-grabber.toml >"$place/bedside.toml"
+sed -e 's|fastrak\.toml|/etc/sonoweave/bedside.toml|' -e 's|^file = "probe\.toml" *#|#file = "probe.toml"              #|' \
+    docs/examples/fastrak.toml >"$place/bedside.toml"
 ! grep -q '^file = ' "$place/bedside.toml" || {
     echo "deb: the configuration names a calibration, which would be the example's" >&2
     exit 1

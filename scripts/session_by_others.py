@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
-"""Reads a session with the tools of others, in an environment of its own:
+"""Reads a session with the tools of others, in the environment of `make interop`:
 
-    python3 -m venv out/venv
-    out/venv/bin/pip install mcap mcap-protobuf-support foxglove-schemas-protobuf pillow
-    out/venv/bin/python scripts/session_by_others.py out/session-bench.mcap
+    out/interop/bin/python scripts/session_by_others.py out/session-bench.mcap
 
 The independent reader `mcap` compares every chunk's checksum. Every message is decoded by the
 descriptors in the file. Messages of Foxglove's schemas are compared field by field with Foxglove's

@@ -81,10 +81,10 @@ enum Example {
 impl Example {
     fn text(self) -> &'static str {
         match self {
-            Self::Arm => include_str!("../../docs/examples/arm-grabber.toml"),
+            Self::Arm => include_str!("../../docs/examples/arm.toml"),
             Self::ArmProbe => include_str!("../../docs/examples/arm-probe.toml"),
-            Self::Fastrak => include_str!("../../docs/examples/fastrak-grabber.toml"),
-            Self::Liberty => include_str!("../../docs/examples/liberty-usb-grabber.toml"),
+            Self::Fastrak => include_str!("../../docs/examples/fastrak.toml"),
+            Self::Liberty => include_str!("../../docs/examples/liberty.toml"),
             Self::PlusServer => include_str!("../../docs/examples/plus-server.toml"),
             Self::Probe => include_str!("../../docs/examples/probe.toml"),
             Self::Virtual => include_str!("../../docs/examples/virtual.toml"),

@@ -64,9 +64,10 @@ fn each_live_calibration_starts_from_the_one_before() {
     let place = prepared();
     does_live(&place, "calibrate pivot --live bedside.toml --duration 6 -o probe.toml --json=pivot.json");
     let tip: Vec<f64> = serde_json::from_value(place.json("pivot.json")["tip_mm"].clone()).unwrap();
-    // The tracker's noise of 0.05° is 0.12 mm at the tip, and there are 200 poses.
+    // The tracker's noise of 0.05° is 0.12 mm at the tip, and there are 200 poses: 0.03 mm in the
+    // worst of nine runs, and 0.06 mm in an earlier one, doubled.
     let off = DVec3::from_slice(&tip).distance(TIP_MM);
-    assert!(off < 0.2, "{off}");
+    assert!(off < 0.12, "{off}");
 
     let run = does_live(
         &place,
@@ -78,7 +79,8 @@ fn each_live_calibration_starts_from_the_one_before() {
     let held = matrix(&place.toml("held.toml")["phantom_to_reference"]["matrix"]);
     let off = |point: DVec3| found.transform_point3(point).distance(held.transform_point3(point));
     let [centre, corner] = [DVec3::new(0.0, 31.0, 0.0), DVec3::new(18.0, 48.0, 24.0)].map(off);
-    assert!(centre < 0.2 && corner < 0.4, "{centre} {corner}");
+    // Twice 0.037 and 0.042 mm, those of the worst of nine runs.
+    assert!(centre < 0.08 && corner < 0.09, "{centre} {corner}");
 
     let run = does_live(
         &place,
@@ -86,16 +88,15 @@ fn each_live_calibration_starts_from_the_one_before() {
     );
     assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
     let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
-    // As of one N-wire scan, 0.20 and 0.45 mm in the worst of six runs, doubled; and the phantom's
-    // pose, which is itself measured.
-    assert!(middle < 0.5 && corner < 1.0, "{middle} {corner}");
+    // Twice 0.25 and 0.38 mm, those of the worst of nine runs. The phantom's pose is measured, too.
+    assert!(middle < 0.5 && corner < 0.8, "{middle} {corner}");
 
     let run =
         does_live(&place, "calibrate latency --live crossing.toml --config probe.toml --duration 8 -o probe.toml");
     let file = CalibrationFile::read(&place.path("probe.toml")).unwrap();
     let latency = file.latency.unwrap();
-    // The devices' times are those of the machine: a loaded one delivers later.
-    assert!((latency.tracker_ms - latency.video_ms - 20.0).abs() < 8.0, "{latency:?}: {}", run.stdout);
+    // Twice 1.4 ms, that of the worst of nine runs, most of them beside a build.
+    assert!((latency.tracker_ms - latency.video_ms - 20.0).abs() < 3.0, "{latency:?}: {}", run.stdout);
     for of in ["StylusTipToStylus", "PhantomToReference", "latency"] {
         assert!(file.origins.contains_key(of), "{of}: {:?}", file.origins);
     }

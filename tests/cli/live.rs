@@ -243,3 +243,27 @@ fn calibration_of_another_image_size_is_refused() {
     assert_eq!(run.code, 1);
     assert!(sentences(of(&report, "calibration"), "wrong").contains("720×576"), "{report}");
 }
+
+#[test]
+fn calibration_made_with_another_image_size_is_refused() {
+    let place = Place::new();
+    place.put("b.toml", format!("{SMALL}{CALIBRATED}"));
+    let made_with = |size: &str| {
+        let text = probe(&place, "N-wires", [0, 0, 90, 70]);
+        assert_eq!(text.matches("\nmatrix = [").count(), 1, "{text}");
+        text.replace("\nmatrix = [", &format!("\npicture_px = {size}\nmatrix = ["))
+    };
+    // The rectangle lies inside of both pictures: only the file's own size tells them apart.
+    place.put("probe.toml", made_with("[96, 82]"));
+    let parts = ["probe.toml: picture_px: ", "96×82", "the grabber's have 96×80", "calibrate anew"];
+    for flag in ["", " --accept-example"] {
+        place.refuses(&format!("{SHORTLY} --record r{flag}"), &parts);
+        assert!(!place.path("r").exists(), "no session is begun");
+    }
+    let (run, report) = check(&place, "b.toml");
+    assert_eq!(run.code, 1, "{}", run.stderr);
+    let wrong = sentences(of(&report, "calibration"), "wrong");
+    assert!(parts.iter().all(|part| wrong.contains(part)), "{wrong}");
+    place.put("probe.toml", made_with("[96, 80]"));
+    assert_eq!((place.run(SHORTLY).code, check(&place, "b.toml").0.code), (0, 0));
+}

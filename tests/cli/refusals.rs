@@ -363,6 +363,14 @@ fn files_of_other_kinds_are_named_as_such() {
         // Not that nothing is to be drawn.
         place.refuses(&format!("animate {name}.mha"), &says);
     }
+    place.put("text.txt", "hello\nthis is text\n");
+    place.put("text.mcap", "hello\nthis is text\n");
+    for name in ["text.txt", "empty.mha", "page.mha"] {
+        let says = format!("{name}: is not a session; use `sonoweave animate` to draw");
+        place.refuses(&format!("replay {name}"), &[&says, "`sonoweave reconstruct`"]);
+    }
+    let says = ["text.mcap: is not a session: the file has no complete chunk of MCAP", "give a recorded session"];
+    place.refuses("replay text.mcap", &says);
 }
 
 #[test]

@@ -64,8 +64,9 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
     assert!(said.contains("frames of a point at rest used"), "{said}");
     assert!(said.contains("next view: bring the target to the image's "), "{said}");
     looks_like_a_page(&place, "point.html", "a point at rest", 398);
+    // Twice 0.057 and 0.109 mm, the worst of six seeds: 0.053 and 0.108 mm for this one.
     let [middle, corner] = off(&place, "point.toml");
-    assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
+    assert!(middle < 0.12 && corner < 0.22, "{middle} {corner}");
     recorded(&place, "point.toml", &["cross-wire.igs.mha"]);
     assert!(report(&place, "point.json")["lag_s"].as_f64().unwrap().abs() < 2e-3);
 
@@ -83,8 +84,9 @@ fn point_and_stylus_tip_give_the_probe_calibration() {
         "calibrate probe --method stylus --stylus Reference --stylus-tip tip.toml --sequence cross-wire.igs.mha";
     place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --json=stylus.json --report stylus.html"));
     looks_like_a_page(&place, "stylus.html", "a stylus's tip", 398);
+    // The point is that of the scan itself, so that its error is the same to 0.00001 mm.
     let [middle, corner] = off(&place, "stylus.toml");
-    assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
+    assert!(middle < 0.12 && corner < 0.22, "{middle} {corner}");
     report(&place, "stylus.json");
     recorded(&place, "stylus.toml", &["cross-wire.igs.mha", "tip.toml"]);
 }
@@ -125,12 +127,14 @@ fn tank_floor_gives_a_less_accurate_calibration() {
     swept(&place, "tank-floor");
     place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --json=plane.json --report plane.html");
     looks_like_a_page(&place, "plane.html", "a plane at rest", 796);
+    // Twice 0.15 and 0.17 mm, the worst of six seeds: 0.05 and 0.13 mm for this one.
     let [middle, corner] = off(&place, "plane.toml");
-    assert!(middle < 0.5 && corner < 0.7, "{middle} {corner}");
+    assert!(middle < 0.3 && corner < 0.35, "{middle} {corner}");
     recorded(&place, "plane.toml", &["tank-floor.igs.mha"]);
     let report = report(&place, "plane.json");
     let [predicted, at_corner]: [f64; 2] = serde_json::from_value(report["predicted_ends_mm"].clone()).unwrap();
-    assert!(middle < 4.0 * predicted && corner < 4.0 * at_corner, "{middle} {predicted}, {corner} {at_corner}");
+    // Twice 0.94 and 1.13 times the prediction, the worst of six seeds.
+    assert!(middle < 1.9 * predicted && corner < 2.3 * at_corner, "{middle} {predicted}, {corner} {at_corner}");
 }
 
 #[test]

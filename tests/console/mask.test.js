@@ -1,5 +1,5 @@
 // The mask on the page: its shapes and handles, tested without a browser, and its card and outline
-// on the live picture: confirmed, dragged, and taken back.
+// on the live picture: found and confirmed, dragged as a rectangle and as a fan, and taken back.
 
 import assert from "node:assert/strict";
 import { cpSync } from "node:fs";
@@ -43,6 +43,71 @@ test("outlines and handles lie on the edges", () => {
   assert.deepEqual([RECTANGLE, FAN].map((shape) => handles(shape).length), [4, 5]);
   assert.deepEqual(first("rectangle", SIZE).rectangle, { x: 0, y: 0, width: 640, height: 480 });
   assert.equal(kind(first("fan", SIZE)), "fan");
+});
+
+// A session that looks for its mask, on a page that shows its card, once it is found.
+async function found() {
+  const session = await Session.searching();
+  const { page, complaints } = await open(session.address);
+  await steers(page, true);
+  await until(page, () => window.sonoweave.account?.mask?.origin === "found" && window.sonoweave.account.desk.phase === "running");
+  await page.locator("#mask-vital").click();
+  await until(page, () => window.sonoweave.mask.mask?.origin === "found");
+  const { mask } = await page.evaluate(() => window.sonoweave.mask);
+  return { session, page, complaints, mask };
+}
+
+test("the mask that was found is shown, and confirmed by its button", async () => {
+  const { session, page, complaints, mask } = await found();
+  const { origin_px: [u, v], radii_px: [near, far], angles_deg: angles } = mask.shape.fan;
+  assert.equal(mask.sure, true, mask.says);
+  assert.ok(Math.abs(u - 159.5) < 2 && v < 0 && near > 90 && far < 330 && angles[0] < -25 && angles[1] > 25, mask.says);
+  assert.equal(await page.locator("#mask-vital").innerText(), "Mask: found in the first frames; please confirm");
+  assert.equal(await page.locator("#mask-says").innerText(), mask.says);
+  // The outline lies on the fan's edges, wherever the page shows the picture.
+  const drawn = await page.evaluate(() => {
+    const { offsetWidth, offsetHeight } = document.getElementById("slice");
+    const points = document.querySelector("#mask-outline polygon").getAttribute("points").split(" ");
+    return { size: [offsetWidth, offsetHeight], points: points.map((point) => point.split(",").map(Number)) };
+  });
+  const scale = drawn.size.map((length, axis) => length / mask.size_px[axis]);
+  const wanted = outline(mask.shape).map((point) => point.map((x, axis) => (x + 0.5) * scale[axis]));
+  assert.equal(drawn.points.length, wanted.length);
+  drawn.points.forEach((point, n) => point.forEach((x, axis) => assert.ok(Math.abs(x - wanted[n][axis]) <= 0.06, `${point} for ${wanted[n]}`)));
+  await shot(page, "mask-found");
+  assert.deepEqual(await audit(page), []);
+  await button(page, "Confirm").click();
+  await until(page, () => window.sonoweave.account.mask.origin === "confirmed");
+  await page.locator("#mask-confirm").waitFor({ state: "hidden" });
+  const { mask: confirmed } = await page.evaluate(() => window.sonoweave.account);
+  assert.deepEqual(confirmed.shape, mask.shape);
+  assert.equal(await page.locator("#mask-vital").innerText(), "Mask: confirmed");
+  assert.deepEqual(complaints, []);
+  await session.end();
+});
+
+test("a fan that was found is dragged by its near arc, and used", async () => {
+  const { session, page, complaints, mask } = await found();
+  const { fan } = mask.shape;
+  await button(page, "Adjust").click();
+  assert.equal(await page.locator("#mask-kind").inputValue(), "fan");
+  const arc = page.getByRole("slider", { name: "Near arc" });
+  const { x, y, width, height } = await arc.boundingBox();
+  await page.mouse.move(x + width / 2, y + height / 2);
+  await page.mouse.down();
+  await page.mouse.move(x + width / 2, y + height / 2 + 30, { steps: 4 });
+  await page.mouse.up();
+  const { draft } = await page.evaluate(() => window.sonoweave.mask);
+  const scale = (await page.evaluate(() => document.getElementById("slice").offsetHeight)) / mask.size_px[1];
+  assert.ok(Math.abs(draft.fan.radii_px[0] - fan.radii_px[0] - 30 / scale) < 0.5, JSON.stringify([fan, draft, scale]));
+  assert.deepEqual({ ...draft.fan, radii_px: null }, { ...fan, radii_px: null }, "only the arc has moved");
+  assert.equal(draft.fan.radii_px[1], fan.radii_px[1]);
+  await shot(page, "mask-fan");
+  await button(page, "Use this").click();
+  await until(page, ([near]) => window.sonoweave.account.mask.origin === "operator" && window.sonoweave.account.mask.shape.fan?.radii_px[0] === near, draft.fan.radii_px[0]);
+  assert.match(await page.locator("#mask-config").innerText(), /^clip_px = "none"\nfan = \{ origin_px = /);
+  assert.deepEqual(complaints, []);
+  await session.end();
 });
 
 test("the mask is shown on the picture, dragged, used, and taken back", async () => {

@@ -34,7 +34,17 @@ export class Session {
     return Session.#run(place, ["live", "--config", small(place, "8"), "--headless", "--console", "127.0.0.1:0"]);
   }
 
-  /// Begins the same session with more frames per second, recorded in a folder that is kept.
+  /// Begins a session that finds its mask by itself: a thigh, which fills the scanner's fan.
+  static async searching() {
+    const place = mkdtempSync(join(OUT, "session-"));
+    const text = readFileSync(EXAMPLE, "utf8").replace(/^#(image_to_probe = )/m, "$1").replace(/^clip_px = .*\n/m, "").replace(/^scene = "doll"/m, 'scene = "thigh"');
+    const smaller = { size: '"320x240"', rate_hz: "8", spacing_mm: "2.0", image_size: '"160x160"' };
+    const config = join(place, "searching.toml");
+    writeFileSync(config, Object.entries(smaller).reduce((text, [key, value]) => text.replace(new RegExp(`^${key} = \\S+`, "m"), `${key} = ${value}`), text));
+    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
+  /// Begins the small session with more frames per second, recorded in a folder that is kept.
   static async recorded(folder) {
     return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
   }

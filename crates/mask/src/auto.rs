@@ -4,7 +4,8 @@
 //! border is exactly zero, the pixels that are not zero give the mask (`exact`). A border of an
 //! analogue grabber has noise and a level: then a rectangle or a fan is searched for whose edges
 //! stand out from it (`border`). Data lost to a wrong mask is worse than a border kept, so the
-//! whole frame counts when nothing is recognised.
+//! whole frame counts when nothing is recognised. Only zeros are cut even then, at sides where a
+//! plain edge ends everything that is not zero: no data were there in any of the frames.
 
 use std::sync::Arc;
 

@@ -41,8 +41,8 @@ pub struct MaskFound {
     /// Shape of the picture. Where the border is exactly zero, the mask is the outline of the
     /// pixels, and the shape describes it.
     pub shape: MaskShape,
-    /// Whether a whole picture was recognised; otherwise the whole frame counts, or the sides
-    /// were judged one by one.
+    /// Whether a whole picture was recognised; otherwise the whole frame counts, less sides of
+    /// exact zeros that end in a plain edge.
     #[serde(rename = "sure")]
     pub recognised: bool,
     /// Share of the outline with a plain edge, times the share of everything visible that lies

@@ -15,7 +15,7 @@ use sonoweave_core::clock::{Clock, Monotonic};
 use sync::StampedPairing;
 
 use super::device::{PATIENCE, Tried, try_out};
-use super::foreign::beyond;
+use super::foreign::{beyond, other_size};
 use crate::app::devices;
 use crate::failure::{Failure, with_remedy};
 
@@ -317,16 +317,17 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried, accepted: bool) -> Checked
                 .wrong("it holds no joints, so counts cannot become poses; give a calibration file with [[arm.joint]]"),
         }
     }
-    let size = grabber.picture.map(|size| bedside.grabber.turned(size));
-    match size.map(|[w, h]| ([w, h], bedside.mask.plan(w, h))) {
-        None => {}
-        Some(([w, h], Ok(plan))) => {
-            checked.say(region(bedside, &plan));
-            if let Some(sentence) = beyond(bedside, [w, h]) {
-                foreign(&mut checked, sentence);
+    if let Some([w, h]) = grabber.picture.map(|size| bedside.grabber.turned(size)) {
+        match (other_size(bedside, &[[w, h]]), bedside.mask.plan(w, h)) {
+            (Some(sentence), _) => checked.wrong(sentence),
+            (None, Ok(plan)) => {
+                checked.say(region(bedside, &plan));
+                if let Some(sentence) = beyond(bedside, [w, h]) {
+                    foreign(&mut checked, sentence);
+                }
             }
+            (None, Err(error)) => checked.wrong(error.to_string()),
         }
-        Some((_, Err(error))) => checked.wrong(error.to_string()),
     }
     checked.numbers = json!({
         "pixel_mm": pixel, "mask": bedside.mask, "transforms": calibration.transforms, "zones": zones.map(Zones::count),

@@ -22,9 +22,9 @@ use super::*;
 
 /// Example configurations of the project, by name.
 const EXAMPLES: [(&str, &str); 6] = [
-    ("arm-grabber.toml", include_str!("../../../../docs/examples/arm-grabber.toml")),
-    ("fastrak-grabber.toml", include_str!("../../../../docs/examples/fastrak-grabber.toml")),
-    ("liberty-usb-grabber.toml", include_str!("../../../../docs/examples/liberty-usb-grabber.toml")),
+    ("arm.toml", include_str!("../../../../docs/examples/arm.toml")),
+    ("fastrak.toml", include_str!("../../../../docs/examples/fastrak.toml")),
+    ("liberty.toml", include_str!("../../../../docs/examples/liberty.toml")),
     ("plus-server.toml", include_str!("../../../../docs/examples/plus-server.toml")),
     ("virtual-arm.toml", include_str!("../../../../docs/examples/virtual-arm.toml")),
     ("virtual.toml", include_str!("../../../../docs/examples/virtual.toml")),
@@ -107,7 +107,7 @@ fn examples_parse_and_cover_every_key() {
 #[test]
 fn reader_reads_exactly_schema_keys() {
     let mut read: BTreeSet<String> = example("virtual.toml").effective.into_keys().collect();
-    read.extend(example("arm-grabber.toml").effective.into_keys());
+    read.extend(example("arm.toml").effective.into_keys());
     read.extend(example("plus-server.toml").effective.into_keys());
     let sections = schema::SECTIONS.iter();
     let known = sections.flat_map(|section| section.keys.iter().map(|key| format!("{}.{}", section.name, key.name)));
@@ -116,7 +116,7 @@ fn reader_reads_exactly_schema_keys() {
 
 #[test]
 fn examples_give_device_settings() {
-    let fastrak = example("fastrak-grabber.toml");
+    let fastrak = example("fastrak.toml");
     let Tracking::Tracker(tracker) = &fastrak.tracking else { panic!("a tracker") };
     let Some(Port::Serial { path, baud: Some(115_200) }) = &tracker.port else { panic!("{:?}", tracker.port) };
     assert!(path.starts_with("/dev/serial/by-id"));
@@ -142,14 +142,14 @@ fn examples_give_device_settings() {
     assert!(matches!(fastrak.mask.clip, Clip::Rect(rect) if rect.width == 480));
     assert_eq!(pixel_mm(&fastrak.calibration), Some([0.2, 0.2]));
 
-    let liberty = example("liberty-usb-grabber.toml");
+    let liberty = example("liberty.toml");
     let Tracking::Tracker(tracker) = &liberty.tracking else { panic!("a tracker") };
     assert_eq!((&tracker.port, tracker.settings.hemisphere), (&Some(Port::Usb(None)), [0.0; 3]));
     let decay = Decay::DeadTime { rate_per_s: 1.0, wait_s: 2.0 };
     assert_eq!(liberty.volume.settings.compounding, Compounding::Decay(decay));
     assert_eq!(liberty.pairing, Pairing { wait_ns: 150_000_000, longest_gap_ns: 50_000_000 });
 
-    let arm = example("arm-grabber.toml");
+    let arm = example("arm.toml");
     let Tracking::Arm(own) = &arm.tracking else { panic!("an arm") };
     assert_eq!((own.kind, own.lines()), (ArmKind::Ea1(drivers::arm::ea1::SampleFormat::Lines), 1));
     assert!(arm.calibration.arm.is_some(), "its joints are the calibration file's");
@@ -420,7 +420,7 @@ fn changes_split_at_once_from_next_session() {
 #[test]
 fn new_device_or_calibration_waits_for_next_session() {
     let tracker = example("virtual.toml");
-    let arm = example("arm-grabber.toml");
+    let arm = example("arm.toml");
     let changes = tracker.changes(&arm);
     assert!(changes.next_session.iter().any(|c| c.key == "arm.kind"), "{changes:?}");
     assert!(

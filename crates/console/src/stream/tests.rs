@@ -30,6 +30,9 @@ mod places;
 mod planes;
 mod view;
 
+/// Time after which a test that waits has hung. It is no time that anything takes.
+const HANGS: Duration = Duration::from_secs(120);
+
 struct Session {
     console: Console,
     broadcaster: Arc<FrameBroadcaster>,
@@ -87,7 +90,7 @@ struct Client {
 impl Client {
     fn enter(address: SocketAddr) -> (Self, Value) {
         let stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        stream.set_read_timeout(Some(HANGS)).unwrap();
         let request = format!("ws://{address}/v1/stream").into_client_request().unwrap();
         let (socket, _) = tungstenite::client(request, stream).unwrap();
         let mut client = Self { socket, steers: false, pictures: Vec::new() };
@@ -113,7 +116,7 @@ impl Client {
     /// Returns the next message of a kind; skips other ones.
     fn word(&mut self, key: &str) -> Value {
         let begun = Instant::now();
-        while begun.elapsed() < Duration::from_secs(10) {
+        while begun.elapsed() < HANGS {
             if let Some(value) = self.next_word().get(key) {
                 return value.clone();
             }
@@ -124,7 +127,7 @@ impl Client {
     fn picture(&mut self) -> Vec<u8> {
         let begun = Instant::now();
         // A static picture is repeated after some seconds.
-        while begun.elapsed() < Duration::from_secs(30) {
+        while begun.elapsed() < HANGS {
             if !self.pictures.is_empty() {
                 return self.pictures.remove(0);
             }
@@ -135,6 +138,12 @@ impl Client {
             }
         }
         panic!("no picture came");
+    }
+
+    /// Waits until the server has acted on everything that was said: it answers in turn.
+    fn is_understood(&mut self) {
+        self.say(&json!({ "do": "shown", "kind": 9, "sequence": 1 }));
+        self.word("refused");
     }
 
     /// Returns the pictures received until two more status messages: half a second for a page
@@ -158,7 +167,7 @@ fn sequence(picture: &[u8]) -> u32 {
 fn until(what: &str, mut is: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is() {
-        assert!(begun.elapsed() < Duration::from_secs(10), "{what}");
+        assert!(begun.elapsed() < HANGS, "{what}");
         std::thread::sleep(Duration::from_millis(2));
     }
 }
@@ -218,21 +227,24 @@ fn silent_page_gets_two_pictures_then_the_newest() {
 #[test]
 fn page_without_subscription_gets_fewer_status_messages() {
     let session = Session::new();
+    let three = |page: &mut Client| (0..3).for_each(|_| drop(page.word("account")));
+    // From before the first one is sent until the last one has come, however late it comes.
+    let begun = Instant::now();
     let mut page = session.page();
-    let three = |page: &mut Client| {
-        page.word("account");
-        let begun = Instant::now();
-        (0..3).for_each(|_| drop(page.word("account")));
-        begun.elapsed()
-    };
-    let hidden = three(&mut page);
-    assert!(hidden >= Duration::from_millis(2500), "{hidden:?}");
-    page.say(&json!({ "do": "show", "slice": true, "view": false }));
-    let seen = three(&mut page);
-    assert!(seen < Duration::from_millis(2500), "{seen:?}");
-    page.say(&json!({ "do": "show", "slice": false, "view": false }));
     three(&mut page);
-    assert!(three(&mut page) >= Duration::from_millis(2500));
+    assert!(begun.elapsed() >= Duration::from_millis(2500), "{:?}", begun.elapsed());
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    // A loaded machine delays some of them.
+    until("three come in less time than they take a hidden page", || {
+        let begun = Instant::now();
+        three(&mut page);
+        begun.elapsed() < Duration::from_millis(2000)
+    });
+    page.say(&json!({ "do": "show", "slice": false, "view": false }));
+    let begun = Instant::now();
+    page.is_understood();
+    three(&mut page);
+    assert!(begun.elapsed() >= Duration::from_millis(2000), "{:?}", begun.elapsed());
 }
 
 #[test]
@@ -339,7 +351,7 @@ fn status_reports_rates_frame_outcomes_and_end() {
         if reported["slices"] == 30 {
             break reported;
         }
-        assert!(begun.elapsed() < Duration::from_secs(10), "{reported}");
+        assert!(begun.elapsed() < HANGS, "{reported}");
     };
     assert!(reported["rates"]["frames"].as_f64().unwrap() > 0.0, "{reported}");
     assert_eq!((&reported["frames"], &reported["dropped"], &reported["refused"]), (&json!(30), &json!(0), &json!({})));

@@ -61,19 +61,17 @@ impl Moving {
         stream
     }
 
-    /// Checks that the stage was never delayed. The limit is far longer than publishing takes, on a
-    /// loaded machine too, and shorter than [`SENDING`], for which a client that reads nothing
-    /// holds up its own connection.
+    /// Checks that the stage was never delayed by a client: one that reads nothing would hold it up
+    /// for [`SENDING`].
     fn was_not_held_up(self) {
         self.ends.store(true, Ordering::Relaxed);
         let longest = self.scanner.join().unwrap();
-        assert!(longest < Duration::from_secs(2), "{longest:?}");
+        assert!(longest < SENDING, "{longest:?}");
     }
 }
 
-/// Receives this many pictures, each newer than the last; returns the time taken.
-fn sees(page: &mut Client, count: u32) -> Duration {
-    let begun = Instant::now();
+/// Receives this many pictures, each newer than the last.
+fn sees(page: &mut Client, count: u32) {
     let mut last = 0;
     for _ in 0..count {
         let picture = page.picture();
@@ -81,7 +79,6 @@ fn sees(page: &mut Client, count: u32) -> Duration {
         last = sequence(&picture);
         page.say(&json!({ "do": "shown", "kind": 1, "sequence": last }));
     }
-    begun.elapsed()
 }
 
 #[test]
@@ -106,19 +103,16 @@ fn idle_and_slow_connections_do_not_block_pages() {
             }
         }
     });
-    let took = sees(&mut page, 50);
-    assert!(took < Duration::from_secs(10), "{took:?}");
-    let begun = Instant::now();
+    // They are served while the others stay connected.
+    sees(&mut page, 50);
     let mut late = moving.views();
-    let took = begun.elapsed();
-    assert!(took < Duration::from_secs(15), "{took:?}");
     sees(&mut late, 10);
     until("those beyond the places gave way", || Counts::of(&moving.counts().evictions) >= 200);
     // When no other client comes, none of them stays for good.
     sentence.store(true, Ordering::Relaxed);
     slow.join().unwrap();
     for stream in &mut many {
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_read_timeout(Some(HANGS)).unwrap();
         let ended = stream.read(&mut [0; 256]);
         assert!(!matches!(&ended, Err(error) if error.kind() == std::io::ErrorKind::WouldBlock), "{ended:?}");
     }
@@ -141,7 +135,7 @@ fn invalid_data_and_floods_end_and_good_pages_continue() {
     ];
     for bytes in garbage {
         let mut stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_read_timeout(Some(HANGS)).unwrap();
         // The server may disconnect before everything is sent.
         let _ = stream.write_all(bytes);
         let mut sentence = Vec::new();
@@ -170,13 +164,12 @@ fn invalid_data_and_floods_end_and_good_pages_continue() {
     {
         let mut stream = moving.upgraded();
         stream.write_all(frame).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_read_timeout(Some(HANGS)).unwrap();
         let mut sentence = Vec::new();
         let ended = stream.read_to_end(&mut sentence);
         assert!(!matches!(&ended, Err(error) if error.kind() == std::io::ErrorKind::WouldBlock), "{ended:?}");
     }
-    let took = sees(&mut page, 20);
-    assert!(took < Duration::from_secs(10), "{took:?}");
+    sees(&mut page, 20);
     moving.was_not_held_up();
 }
 
@@ -205,11 +198,11 @@ fn stuck_pages_are_disconnected_and_free_their_slots() {
         }
     });
     while Counts::of(&moving.counts().pages_cut_off) < 2 {
-        assert!(begun.elapsed() < Duration::from_secs(25), "{:?}", moving.counts());
+        assert!(begun.elapsed() < HANGS, "{:?}", moving.counts());
         sees(&mut page, 5);
     }
     while Counts::of(&moving.counts().pages_cut_off) < 3 {
-        assert!(begun.elapsed() < SILENT + Duration::from_secs(20), "{:?}", moving.counts());
+        assert!(begun.elapsed() < SILENT + HANGS, "{:?}", moving.counts());
         // This page sends nothing either, except its answers to pictures.
         sees(&mut page, 5);
     }
