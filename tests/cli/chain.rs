@@ -95,8 +95,8 @@ fn each_live_calibration_starts_from_the_one_before() {
         does_live(&place, "calibrate latency --live crossing.toml --config probe.toml --duration 8 -o probe.toml");
     let file = CalibrationFile::read(&place.path("probe.toml")).unwrap();
     let latency = file.latency.unwrap();
-    // Twice 1.4 ms, that of the worst of nine runs, most of them beside a build.
-    assert!((latency.tracker_ms - latency.video_ms - 20.0).abs() < 3.0, "{latency:?}: {}", run.stdout);
+    // Twice 2.4 ms, that of the worst of nine runs, most of them beside a build.
+    assert!((latency.tracker_ms - latency.video_ms - 20.0).abs() < 5.0, "{latency:?}: {}", run.stdout);
     for of in ["StylusTipToStylus", "PhantomToReference", "latency"] {
         assert!(file.origins.contains_key(of), "{of}: {:?}", file.origins);
     }

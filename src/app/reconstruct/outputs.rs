@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use glam::DMat3;
 use serde::Serialize;
 
 use config::Settings as Config;
@@ -205,6 +206,14 @@ impl<'a> Request<'a> {
     ) -> Result<Reconstructed, Failure> {
         let (options, beside) = (&self.options, &self.options.beside);
         outcome.notes.extend(options.note.clone());
+        let direction = outcome.reconstructor.settings().lattice_direction;
+        if let Some(path) = options.ome_zarr().filter(|_| direction != DMat3::IDENTITY) {
+            outcome.notes.push(format!(
+                "{}: OME-Zarr 0.5 has no direction of axes, so that other programs show the volume turned; --path \
+                general gives axes along the world's",
+                path.display()
+            ));
+        }
         let writes = options.volume.is_some() || beside.weights.is_some();
         let encoding = if writes { Some(options.encoding(outcome.pixels)?) } else { None };
         let mut space = options.dense_box(&outcome)?;
