@@ -172,6 +172,32 @@ fn killed_run_goes_on_to_the_same_bytes() {
 }
 
 #[test]
+fn run_does_not_go_on_with_other_slices_or_mask() {
+    let place = Place::new();
+    place.does(SWEEP);
+    let words =
+        |rest: &str| format!("reconstruct s.mha -o v.ome.zarr --spacing 0.15 --sigma 0.3,0.3,0.3 {ONE_SHARD} {rest}");
+    let unlike = ["--frames 20..40 --clip none", "--frames 0..20 --clip 4,4,40,32"];
+    succeeds(&place, &words("--frames 0..20 --clip none --out-of-core"));
+    let whole = tree(&place.path("v.ome.zarr"));
+    for other in unlike {
+        std::fs::remove_dir_all(place.path("v.ome.zarr")).unwrap();
+        let mut command = crate::program();
+        command.current_dir(place.path(".")).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut child = command.args(words(&format!("{other} --out-of-core")).split_whitespace()).spawn().unwrap();
+        while child.try_wait().unwrap().is_none() && shards(&place.path("v.ome.zarr.part/weight/0/c")) == 0 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let words = words("--frames 0..20 --clip none --out-of-core --json=v.json");
+        succeeds(&place, &words);
+        assert_eq!(place.json("v.json")["regions"]["kept"], 0, "{other}");
+        assert!(whole == tree(&place.path("v.ome.zarr")), "{other}: other files");
+    }
+}
+
+#[test]
 fn unusable_requests_of_regions_are_refused() {
     let place = Place::new();
     place.does(SWEEP);

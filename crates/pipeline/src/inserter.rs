@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use glam::DVec3;
+use sha2::{Digest as _, Sha256};
 use tracing::trace_span;
 
 use mask::{AutoMask, Mask, MaskChange, MaskFound, MaskPlan, MaskSettings};
@@ -116,6 +117,8 @@ pub(super) struct VolumeInserter {
     slice_axes: Option<[DVec3; 2]>,
     pixels: PixelKind,
     notes: Vec<String>,
+    /// Over the slices in the volume.
+    digest: Sha256,
 }
 
 /// Result of an inserter.
@@ -127,6 +130,7 @@ pub(super) struct FinishedVolume {
     pub(super) slice_axes: Option<[DVec3; 2]>,
     pub(super) pixels: PixelKind,
     pub(super) notes: Vec<String>,
+    pub(super) slices_sha256: [u8; 32],
 }
 
 impl VolumeInserter {
@@ -141,6 +145,7 @@ impl VolumeInserter {
             slice_axes: None,
             pixels: PixelKind::U8,
             notes: Vec::new(),
+            digest: Sha256::new(),
         }
     }
 
@@ -268,6 +273,7 @@ impl VolumeInserter {
                     self.slice_axes = mean_axes(&self.plan.poses);
                 }
                 self.used += 1;
+                digest(&mut self.digest, item, slice);
                 self.pixels = match slice.image.pixels() {
                     Pixels::U8(_) => PixelKind::U8,
                     Pixels::U16(_) => PixelKind::U16,
@@ -316,6 +322,7 @@ impl VolumeInserter {
             self.stage = self.plan.begin(mask, &mut Vec::new())?;
         }
         (self.used, self.reached, self.slice_axes) = (0, None, None);
+        self.digest = Sha256::new();
         Ok(())
     }
 
@@ -354,7 +361,17 @@ impl VolumeInserter {
             slice_axes: self.slice_axes,
             pixels: self.pixels,
             notes: self.notes,
+            slices_sha256: self.digest.finalize().into(),
         })
+    }
+}
+
+/// Adds a slice to a digest: its frame's number, its time and its pose.
+fn digest(digest: &mut Sha256, item: u64, slice: &Slice) {
+    digest.update(item.to_le_bytes());
+    digest.update(slice.time_ns.to_le_bytes());
+    for number in slice.world_from_image.affine().to_cols_array() {
+        digest.update(number.to_le_bytes());
     }
 }
 

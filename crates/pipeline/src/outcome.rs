@@ -28,6 +28,8 @@ pub struct Outcome {
     pub reached: Option<[[i64; 3]; 2]>,
     /// The slices' mean directions of u and v in the world, if they exist.
     pub slice_axes: Option<[DVec3; 2]>,
+    /// SHA-256 over the inserted slices: number, time and pose of each, in their order.
+    pub slices_sha256: [u8; 32],
     /// Insertion time of each slice, ms, including in-plane filtering.
     pub insert_ms: Vec<f64>,
     /// Voxels that gained weight, summed over slices.

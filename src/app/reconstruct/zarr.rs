@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use export::volume::{DenseBox, Encoding, Scalar, written_weight};
+use mask::Mask;
 use ome_zarr::{Begun, Extent, Meta, OmeZarrError, OmeZarrWriter, Samples, ShardIndex};
 use pipeline::Outcome;
 use reconstruct::Settings;
@@ -40,6 +41,10 @@ pub(super) struct Description<'a> {
     pub(super) range: [f32; 2],
     /// Box of the slices' data, unless the volume is cropped.
     pub(super) slices_box: Option<[[i64; 3]; 2]>,
+    /// Pixels that are data.
+    mask: &'a Mask,
+    /// SHA-256 over the slices.
+    slices_sha256: [u8; 32],
 }
 
 impl<'a> Description<'a> {
@@ -53,12 +58,27 @@ impl<'a> Description<'a> {
             encoding,
             range: range(outcome.pixels, &encoding),
             slices_box: outcome.reached.filter(|_| !is_cropped),
+            mask: &outcome.mask.mask,
+            slices_sha256: outcome.slices_sha256,
         }
     }
 
     /// Returns the voxels and their shards.
     pub(super) fn extent(&self) -> Extent {
         Extent::around(self.bounds)
+    }
+
+    /// Returns the SHA-256 of all that the voxels follow from: the recording and the calibration,
+    /// by `fields`, the slices, the mask and the settings.
+    fn content_key(&self, fields: &[(String, String)]) -> String {
+        let Settings { spacing_mm, lattice_origin_mm, lattice_direction, method, compounding, .. } = self.settings;
+        let Settings { sigma_mm, support, max_weight, .. } = self.settings;
+        let text = format!(
+            "{spacing_mm:?} {lattice_origin_mm:?} {lattice_direction:?} {method:?} {compounding:?} {sigma_mm:?} \
+             {support:?} {max_weight:?} {:?} {:?} {:?} {fields:?}",
+            self.encoding, self.mask, self.slices_sha256
+        );
+        Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// Returns the box of all elements.
@@ -103,7 +123,7 @@ impl Target {
             range: Some(*range),
             slices_box: *slices_box,
             fields: fields.to_vec(),
-            content_key: content_key(settings, encoding, fields),
+            content_key: description.content_key(fields),
         };
         let (writer, begun) = OmeZarrWriter::create(path, &meta)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads.max(1)).build()?;
@@ -197,16 +217,4 @@ impl Target {
             Scalar::F32 => self.writer.write_shard(shard, Samples::F32(&values), &weights),
         }
     }
-}
-
-/// Returns the SHA-256 of all that the voxels follow from: the inputs and settings in `fields`, and
-/// the settings that these leave out.
-fn content_key(settings: &Settings, encoding: &Encoding, fields: &[(String, String)]) -> String {
-    let Settings { spacing_mm, lattice_origin_mm, lattice_direction, method, compounding, .. } = settings;
-    let Settings { sigma_mm, support, max_weight, .. } = settings;
-    let text = format!(
-        "{spacing_mm:?} {lattice_origin_mm:?} {lattice_direction:?} {method:?} {compounding:?} {sigma_mm:?} \
-         {support:?} {max_weight:?} {encoding:?} {fields:?}"
-    );
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }

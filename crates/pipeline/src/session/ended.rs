@@ -108,6 +108,7 @@ impl EndedSession<'_> {
             mask: finished.mask,
             reached: finished.reached,
             slice_axes: finished.slice_axes,
+            slices_sha256: finished.slices_sha256,
             insert_ms,
             pixels: finished.pixels,
             notes: status.notes.iter().cloned().chain(finished.notes).collect(),
