@@ -112,8 +112,8 @@ peers:
 # (800 MB, from the package index that pip is set up for). Images: SimpleITK, VTK, pynrrd and
 # nibabel find the same voxels at the same place. DICOM: dciodvfy finds no error, pydicom the same
 # voxels at the same place, and an Orthanc server on loopback returns what it received. OpenIGTLink:
-# the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of MCAP
-# and Foxglove's own classes find the same pictures and poses.
+# the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of
+# MCAP and Foxglove's own classes find the same pictures and poses.
 interop:
 	@scripts/setup.sh interop
 	scripts/interop/environment.sh

@@ -78,10 +78,4 @@ impl SweepPlan {
         let slices = std::mem::take(&mut *collector.0.lock().unwrap_or_else(PoisonError::into_inner));
         Ok(Self { input, slices, outcome })
     }
-
-    /// Returns the box around all bricks that the slices may change; empty if there are no slices.
-    pub fn reach(&self) -> BrickBox {
-        let boxes = self.slices.iter().map(|slice| slice.entered.bricks);
-        boxes.reduce(|a, b| a.around(&b)).unwrap_or(BrickBox::EMPTY)
-    }
 }
