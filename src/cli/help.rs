@@ -126,6 +126,9 @@ pub(super) fn grouped(mut command: clap::Command) -> clap::Command {
     for name in GROUPED {
         command = command.mut_subcommand(name, |sub| headed(sub, HEADINGS));
     }
+    command = command.mut_subcommand("regions", |regions| {
+        regions.mut_subcommand("plan", |sub| shortened(headed(sub, HEADINGS), USUAL[0].1))
+    });
     command = command.mut_subcommand("convert", |sub| headed(sub, CONVERSION));
     command.mut_subcommand("calibrate", |calibrate| {
         USUAL_OF_CALIBRATE.iter().fold(calibrate, |calibrate, (name, usual)| {

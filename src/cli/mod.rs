@@ -22,6 +22,7 @@ pub mod man;
 pub mod phantom;
 mod progress;
 pub mod reconstruct;
+pub mod regions;
 mod renamed;
 pub mod render;
 pub mod repair;
@@ -100,6 +101,9 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
 enum Command {
     /// Reconstruct a recorded sweep into a volume
     Reconstruct(Box<reconstruct::Arguments>),
+    /// Reconstruct a volume by several processes, each some of its regions
+    #[command(subcommand)]
+    Regions(regions::Arguments),
     /// Render a volume
     Render(Box<render::Arguments>),
     /// Replay a recorded session as it ran live, or with another configuration
@@ -164,6 +168,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
+        Command::Regions(arguments) => regions::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments, quiet),
         Command::Animate(arguments) => animate::run(arguments),

@@ -34,6 +34,7 @@ mod planes;
 mod probe;
 mod probe_flags;
 mod refusals;
+mod regions;
 mod render;
 mod replay;
 mod results;

@@ -9,13 +9,14 @@ use std::time::Duration;
 use super::place::Place;
 
 /// A freehand sweep whose volume has several shards at this spacing.
-const SWEEP: &str = "phantom -o s.mha --frames 40 --image-size 48x40 --pixel 0.5 --gap 0.5 --trajectory freehand";
-const FINE: &str = "--spacing 0.15 --sigma 0.3,0.3,0.3 --clip none";
+pub(super) const SWEEP: &str =
+    "phantom -o s.mha --frames 40 --image-size 48x40 --pixel 0.5 --gap 0.5 --trajectory freehand";
+pub(super) const FINE: &str = "--spacing 0.15 --sigma 0.3,0.3,0.3 --clip none";
 /// Memory of one region of a shard's size, GiB.
-const ONE_SHARD: &str = "--max-memory 0.024";
+pub(super) const ONE_SHARD: &str = "--max-memory 0.024";
 
 /// All files of a folder by name.
-fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(super) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(inner) = folders.pop() {
@@ -33,7 +34,7 @@ fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// Number of whole files in a folder that a program is writing.
-fn shards(folder: &Path) -> usize {
+pub(super) fn shards(folder: &Path) -> usize {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let count = |path: PathBuf| match path.is_dir() {
         true => shards(&path),
@@ -43,7 +44,7 @@ fn shards(folder: &Path) -> usize {
 }
 
 /// Runs a command that succeeds, with notes or without.
-fn succeeds(place: &Place, words: &str) -> String {
+pub(super) fn succeeds(place: &Place, words: &str) -> String {
     let run = place.run(words);
     assert_eq!(run.code, 0, "{words}: {}", run.stderr);
     run.stderr

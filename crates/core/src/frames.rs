@@ -16,6 +16,7 @@ use std::marker::PhantomData;
 use std::ops::Mul;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3};
+use serde::{Deserialize, Serialize};
 
 /// A coordinate frame, used as a type only.
 pub trait Frame {
@@ -56,9 +57,13 @@ frames! {
     Volume
 }
 
-/// An affine map from points of `From` to points of `To`.
+/// An affine map from points of `From` to points of `To`. In files it is 12 numbers: the matrix
+/// column by column, then the translation.
+#[derive(Serialize, Deserialize)]
+#[serde(transparent, bound = "")]
 pub struct Transform<To, From> {
     affine: DAffine3,
+    #[serde(skip)]
     frames: PhantomData<fn(From) -> To>,
 }
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use formats::image::VolumeHeader;
 use formats::image::write::VolumeWriter;
@@ -22,7 +23,8 @@ use super::fill::FILLED;
 pub const MOST_VOXELS: u64 = 1 << 34;
 
 /// Scalar type of the written values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Scalar {
     /// 8 bit unsigned.
     U8,
@@ -72,7 +74,7 @@ impl Scalar {
 }
 
 /// Settings for writing values.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Encoding {
     /// Scalar type.
     pub scalar: Scalar,

@@ -1,10 +1,12 @@
 //! A set of pixels as spans of each row: cheap to walk, cheap to test, a few kilobytes for a
 //! fan.
 
+use serde::{Deserialize, Serialize};
+
 use sonoweave_core::region::{ClipRect, Fan};
 
 /// Columns `start..end` of a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Span {
     /// First column inside.
     pub start: u32,
@@ -13,7 +15,8 @@ pub struct Span {
 }
 
 /// The pixels of a `width`×`height` frame (MF orientation) that are data.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "Rows", try_from = "Rows")]
 pub struct Mask {
     width: u32,
     height: u32,
@@ -21,6 +24,34 @@ pub struct Mask {
     spans: Vec<Span>,
     /// Row v's spans are `spans[first[v]..first[v + 1]]`.
     first: Vec<usize>,
+}
+
+/// A mask in a file: the width, and the spans of each row.
+#[derive(Serialize, Deserialize)]
+struct Rows {
+    width: u32,
+    rows: Vec<Vec<Span>>,
+}
+
+impl From<Mask> for Rows {
+    fn from(mask: Mask) -> Self {
+        Self { width: mask.width, rows: (0..mask.height).map(|v| mask.row(v).to_vec()).collect() }
+    }
+}
+
+impl TryFrom<Rows> for Mask {
+    type Error = &'static str;
+
+    fn try_from(Rows { width, rows }: Rows) -> Result<Self, Self::Error> {
+        let is_ordered = |row: &Vec<Span>| {
+            row.iter().all(|span| span.start < span.end && span.end <= width)
+                && row.windows(2).all(|pair| pair[0].end < pair[1].start)
+        };
+        if !rows.iter().all(is_ordered) || u32::try_from(rows.len()).is_err() {
+            return Err("a mask's spans must ascend within the width");
+        }
+        Ok(Self::from_rows(width, rows))
+    }
 }
 
 impl Mask {

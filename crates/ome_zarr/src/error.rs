@@ -34,6 +34,12 @@ pub enum OmeZarrError {
         /// The folder of the unfinished volume.
         path: PathBuf,
     },
+    /// No unfinished volume of this description.
+    #[error("{path}: is no unfinished volume of this description; begin it again", path = .path.display())]
+    NotBegun {
+        /// The folder of the unfinished volume.
+        path: PathBuf,
+    },
     /// A description that cannot be written.
     #[error("{path}: {source}", path = .path.display())]
     Unwritable {

@@ -1,5 +1,7 @@
 //! The part of the lattice that a volume has, its shards, and its pyramid levels.
 
+use serde::{Deserialize, Serialize};
+
 /// Position of a shard in an array, in shards along z, y, x.
 pub type ShardIndex = [u64; 3];
 
@@ -16,7 +18,7 @@ const COARSEST: u64 = 128;
 ///
 /// Element 0 lies at a multiple of the shard's edge. Cells of the pyramid are then the same while
 /// the volume grows, and the same for each part of it alone.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Extent {
     /// Lattice index of element 0, along x, y, z.
     pub first: [i64; 3],

@@ -4,6 +4,7 @@
 //! - [`Extent`]: the part of the lattice that a volume has, and its cut into shards.
 //! - [`Meta`]: everything that is written beside the voxels.
 //! - [`OmeZarrWriter`]: writes shards in any order and by several threads, then the pyramid.
+//! - [`RegionWriter`]: writes the shards of a region, beside other processes.
 //! - [`OmeZarr`]: reads this program's volumes and others'.
 //! - [`LevelValues`]: a level of a volume for renderers.
 //! - [`SliceReader`]: a level slice by slice, as other volume files are read.
@@ -36,8 +37,10 @@ mod meta;
 mod metadata;
 mod pyramid;
 mod reader;
+mod region;
 mod scalar;
 mod shard;
+mod shards;
 mod slices;
 mod store;
 mod writer;
@@ -47,6 +50,8 @@ pub use extent::{Extent, ShardIndex};
 pub use level::LevelValues;
 pub use meta::Meta;
 pub use reader::OmeZarr;
+pub use region::{RegionWriter, plan_path};
 pub use scalar::{Samples, Scalar};
+pub use shards::ShardWriter;
 pub use slices::SliceReader;
 pub use writer::{Begun, OmeZarrWriter};

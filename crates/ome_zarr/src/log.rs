@@ -2,7 +2,9 @@
 //!
 //! The first line has the hash of the volume's description. Each further one has a shard's key,
 //! then length and SHA-256 of its file. A shard without file has the word `empty` instead, and one
-//! that is to be written again has `again`. The log is locked while its volume is written.
+//! that is to be written again has `again`. The log is locked while its volume is written: by one
+//! writer of the whole, or by any number of writers of regions, which collect their lines for logs
+//! of their own.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -18,15 +20,68 @@ use crate::metadata::hex;
 
 /// Name of the log in the unfinished volume.
 pub(crate) const NAME: &str = "shards.log";
+/// Folder of the regions' logs in the unfinished volume.
+pub(crate) const REGIONS: &str = "regions";
 /// First word of the log.
 const MAGIC: &str = "sonoweave-ome-zarr-1";
+
+/// Length and SHA-256 of a shard's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ShardFile {
+    length: u64,
+    sha256: String,
+}
+
+/// Shards that are on the disk, by key; those without a file have `None`.
+pub(crate) type Shards = HashMap<String, Option<ShardFile>>;
 
 /// The log, open and locked.
 pub(crate) struct Log {
     file: File,
     path: PathBuf,
-    /// Length of each shard's file that is on the disk; `None` for those without a file.
-    lengths: HashMap<String, Option<u64>>,
+    fingerprint: String,
+    shards: Shards,
+    /// Lines of a region's writer; `None` for the writer of the whole.
+    lines: Option<String>,
+}
+
+/// Content of a log, as far as its lines are whole.
+pub(crate) struct Content {
+    /// Hash of the description, if the first line is one of a log.
+    pub(crate) fingerprint: Option<String>,
+    pub(crate) shards: Shards,
+    /// Text of the last line after the word `note`.
+    pub(crate) note: Option<String>,
+    /// Bytes of all whole lines.
+    whole: usize,
+}
+
+impl Content {
+    /// Parses a log up to the first line that is not whole, which a power cut has left.
+    pub(crate) fn of(bytes: &[u8]) -> Self {
+        let mut content = Self { fingerprint: None, shards: Shards::new(), note: None, whole: 0 };
+        for line in bytes.split_inclusive(|byte| *byte == b'\n') {
+            let Some(text) = line.strip_suffix(b"\n").and_then(|line| std::str::from_utf8(line).ok()) else { break };
+            let words: Vec<&str> = text.split(' ').collect();
+            match (&content.fingerprint, words.as_slice()) {
+                (None, [MAGIC, hash]) => content.fingerprint = Some((*hash).to_owned()),
+                (Some(_), ["note", ..]) => content.note = text.strip_prefix("note ").map(str::to_owned),
+                (Some(_), [key, "empty"]) => {
+                    content.shards.insert((*key).to_owned(), None);
+                }
+                (Some(_), [key, "again"]) => {
+                    content.shards.remove(*key);
+                }
+                (Some(_), [key, length, hash]) if hash.len() == 64 => {
+                    let Ok(length) = length.parse() else { break };
+                    content.shards.insert((*key).to_owned(), Some(ShardFile { length, sha256: (*hash).to_owned() }));
+                }
+                _ => break,
+            }
+            content.whole += line.len();
+        }
+        content
+    }
 }
 
 impl Log {
@@ -34,39 +89,36 @@ impl Log {
     /// description by which it was begun, if there was one.
     pub(crate) fn open(folder: &Path) -> Result<(Self, Option<String>), OmeZarrError> {
         let path = folder.join(NAME);
-        let file = lock(folder, &path)?;
-        let mut log = Self { file, path, lengths: HashMap::new() };
-        let fingerprint = log.read()?;
-        Ok((log, fingerprint))
+        let file = lock(folder, &path, FlockOperation::NonBlockingLockExclusive)?;
+        let mut log = Self { file, path, fingerprint: String::new(), shards: Shards::new(), lines: None };
+        let content = log.read()?;
+        log.cut(content.whole as u64)?;
+        log.shards = content.shards;
+        log.fingerprint = content.fingerprint.clone().unwrap_or_default();
+        Ok((log, content.fingerprint))
     }
 
-    /// Reads the lines that are whole, and cuts off the rest, which a power cut has left.
-    fn read(&mut self) -> Result<Option<String>, OmeZarrError> {
+    /// Opens the log of a volume that was begun by a description, for the writer of a region.
+    /// Returns `None` if it was begun by another one.
+    pub(crate) fn join(folder: &Path, fingerprint: &str) -> Result<Option<Self>, OmeZarrError> {
+        let path = folder.join(NAME);
+        let file = lock(folder, &path, FlockOperation::NonBlockingLockShared)?;
+        let lines = Some(String::new());
+        let mut log = Self { file, path, fingerprint: fingerprint.to_owned(), shards: Shards::new(), lines };
+        let content = log.read()?;
+        log.shards = content.shards;
+        Ok((content.fingerprint.as_deref() == Some(fingerprint)).then_some(log))
+    }
+
+    /// Hash of the description.
+    pub(crate) fn fingerprint(&self) -> &str {
+        &self.fingerprint
+    }
+
+    fn read(&mut self) -> Result<Content, OmeZarrError> {
         let mut bytes = Vec::new();
         self.file.read_to_end(&mut bytes).map_err(OmeZarrError::io(&self.path, "reading"))?;
-        let mut whole = 0;
-        let mut fingerprint = None;
-        for line in bytes.split_inclusive(|byte| *byte == b'\n') {
-            let Some(words) = line.strip_suffix(b"\n").and_then(|line| std::str::from_utf8(line).ok()) else { break };
-            let words: Vec<&str> = words.split(' ').collect();
-            match (&fingerprint, words.as_slice()) {
-                (None, [MAGIC, hash]) => fingerprint = Some((*hash).to_owned()),
-                (Some(_), [key, "empty"]) => {
-                    self.lengths.insert((*key).to_owned(), None);
-                }
-                (Some(_), [key, "again"]) => {
-                    self.lengths.remove(*key);
-                }
-                (Some(_), [key, length, hash]) if hash.len() == 64 => {
-                    let Ok(length) = length.parse() else { break };
-                    self.lengths.insert((*key).to_owned(), Some(length));
-                }
-                _ => break,
-            }
-            whole += line.len();
-        }
-        self.cut(whole as u64)?;
-        Ok(fingerprint)
+        Ok(Content::of(&bytes))
     }
 
     fn cut(&mut self, length: u64) -> Result<(), OmeZarrError> {
@@ -76,21 +128,37 @@ impl Log {
 
     /// Begins the log anew for a description.
     pub(crate) fn restart(&mut self, fingerprint: &str) -> Result<(), OmeZarrError> {
-        self.lengths.clear();
+        self.shards.clear();
+        fingerprint.clone_into(&mut self.fingerprint);
         self.cut(0)?;
-        self.line(&format!("{MAGIC} {fingerprint}"))?;
+        self.line(&first_line(fingerprint))?;
         self.file.sync_all().map_err(OmeZarrError::io(&self.path, "syncing"))
     }
 
     fn line(&mut self, line: &str) -> Result<(), OmeZarrError> {
-        // One call, so that lines are not mixed with half ones.
-        self.file.write_all(format!("{line}\n").as_bytes()).map_err(OmeZarrError::io(&self.path, "writing"))
+        match &mut self.lines {
+            Some(lines) => {
+                *lines += line;
+                lines.push('\n');
+                Ok(())
+            }
+            // One call, so that lines are not mixed with half ones.
+            None => {
+                self.file.write_all(format!("{line}\n").as_bytes()).map_err(OmeZarrError::io(&self.path, "writing"))
+            }
+        }
+    }
+
+    /// Returns the text of a region's own log, and begins the next region's.
+    pub(crate) fn take_text(&mut self, note: &str) -> String {
+        let lines = self.lines.as_mut().map(std::mem::take).unwrap_or_default();
+        format!("{}\n{lines}note {note}\n", first_line(&self.fingerprint))
     }
 
     /// Keeps only the shards whose files have the length of their line.
     pub(crate) fn keep_whole(&mut self, folder: &Path) {
-        self.lengths.retain(|key, length| match (folder.join(key).metadata(), length) {
-            (Ok(there), Some(length)) => there.is_file() && there.len() == *length,
+        self.shards.retain(|key, shard| match (folder.join(key).metadata(), shard) {
+            (Ok(there), Some(shard)) => there.is_file() && there.len() == shard.length,
             (there, None) => there.is_err(),
             (Err(_), Some(_)) => false,
         });
@@ -98,32 +166,54 @@ impl Log {
 
     /// Enters a shard: its file's content, which is on the disk, or `None`.
     pub(crate) fn enter(&mut self, key: &str, file: Option<&[u8]>) -> Result<(), OmeZarrError> {
-        match file {
-            Some(bytes) => self.line(&format!("{key} {} {}", bytes.len(), hex(&Sha256::digest(bytes))))?,
+        let file = file.map(|bytes| ShardFile { length: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) });
+        self.enter_file(key, file)
+    }
+
+    fn enter_file(&mut self, key: &str, file: Option<ShardFile>) -> Result<(), OmeZarrError> {
+        match &file {
+            Some(ShardFile { length, sha256 }) => self.line(&format!("{key} {length} {sha256}"))?,
             None => self.line(&format!("{key} empty"))?,
         }
-        self.lengths.insert(key.to_owned(), file.map(|bytes| bytes.len() as u64));
+        self.shards.insert(key.to_owned(), file);
         Ok(())
+    }
+
+    /// Enters the shards of a region's log. Coarser levels are to be written again, if one of the
+    /// shards is new.
+    pub(crate) fn enter_all(&mut self, shards: Shards) -> Result<(), OmeZarrError> {
+        let mut new: Vec<_> = shards.into_iter().filter(|(key, file)| self.shards.get(key) != Some(file)).collect();
+        new.sort_by(|(a, _), (b, _)| a.cmp(b));
+        if !new.is_empty() {
+            let coarser: Vec<String> = self.shards.keys().filter(|key| !is_finest(key)).cloned().collect();
+            coarser.iter().try_for_each(|key| self.reopen(key))?;
+        }
+        new.into_iter().try_for_each(|(key, file)| self.enter_file(&key, file))
+    }
+
+    /// Enters the shards of a region's log that another process has written.
+    pub(crate) fn learn(&mut self, shards: Shards) {
+        self.shards.extend(shards);
     }
 
     /// Marks a shard that is to be written again.
     pub(crate) fn reopen(&mut self, key: &str) -> Result<(), OmeZarrError> {
-        if self.lengths.remove(key).is_some() { self.line(&format!("{key} again")) } else { Ok(()) }
+        if self.shards.remove(key).is_some() { self.line(&format!("{key} again")) } else { Ok(()) }
     }
 
     /// Returns whether a shard is on the disk.
     pub(crate) fn has(&self, key: &str) -> bool {
-        self.lengths.contains_key(key)
+        self.shards.contains_key(key)
     }
 
     /// Returns whether a shard is on the disk, with a file.
     pub(crate) fn has_file(&self, key: &str) -> bool {
-        self.lengths.get(key).is_some_and(Option::is_some)
+        self.shards.get(key).is_some_and(Option::is_some)
     }
 
     /// Number of shards on the disk.
     pub(crate) fn len(&self) -> usize {
-        self.lengths.len()
+        self.shards.len()
     }
 }
 
@@ -134,13 +224,28 @@ impl Drop for Log {
     }
 }
 
+fn first_line(fingerprint: &str) -> String {
+    format!("{MAGIC} {fingerprint}")
+}
+
+/// Whether a key is that of a log: the volume's or a region's.
+pub(crate) fn is_log(key: &str) -> bool {
+    key == NAME || key.strip_prefix(REGIONS).is_some_and(|rest| rest.starts_with('/'))
+}
+
+/// Whether a shard is one of level 0.
+fn is_finest(key: &str) -> bool {
+    key.split("/c/").next().and_then(|array| array.rsplit('/').next()) == Some("0")
+}
+
 /// Opens and locks a file. A writer that ends may rename its folder meanwhile; the lock would then
 /// be of another folder's log.
-fn lock(folder: &Path, path: &Path) -> Result<File, OmeZarrError> {
+fn lock(folder: &Path, path: &Path, operation: FlockOperation) -> Result<File, OmeZarrError> {
     let busy = || OmeZarrError::Busy { path: folder.into() };
-    let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
+    let is_owner = operation == FlockOperation::NonBlockingLockExclusive;
+    let file = File::options().read(true).write(true).create(is_owner).truncate(false).open(path);
     let file = file.map_err(OmeZarrError::io(path, "opening"))?;
-    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+    match flock(&file, operation) {
         Err(error) if error.kind() == ErrorKind::WouldBlock => return Err(busy()),
         done => done.map_err(|error| OmeZarrError::io(path, "locking")(error.into()))?,
     }

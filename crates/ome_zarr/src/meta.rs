@@ -1,6 +1,7 @@
 //! Everything that is written beside the voxels.
 
 use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
 
 use volume::Grid;
 
@@ -9,7 +10,7 @@ use crate::extent::Extent;
 use crate::scalar::Scalar;
 
 /// Description of a volume to be written. Two runs with the same description continue each other.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
     /// Voxels and shards.
     pub extent: Extent,

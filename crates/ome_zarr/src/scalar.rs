@@ -1,7 +1,10 @@
 //! Scalar types of written values, and values in them.
 
+use serde::{Deserialize, Serialize};
+
 /// Scalar type of the written values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Scalar {
     /// 8 bit unsigned.
     U8,

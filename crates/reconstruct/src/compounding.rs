@@ -1,12 +1,15 @@
 //! Compounding: combination of the slices that reach the same voxel.
 
+use serde::{Deserialize, Serialize};
+
 use volume::BrickVolume;
 use volume::brick_volume::{Memory, Slot};
 
 use super::decay::{Decay, DecayError, EpochChange, Fading};
 
 /// Rule by which slices that reach a voxel determine its value.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Compounding {
     /// The mean, weighted by the kernel (Ohbuchi, Chen & Fuchs 1992).
     #[default]

@@ -20,6 +20,8 @@
 //! Such a touch would either refresh the age and stop the fading, or fade the older values anew
 //! each time.
 
+use serde::{Deserialize, Serialize};
+
 use volume::brick::VOXELS;
 use volume::brick_volume::{Epoch, SEEN};
 
@@ -29,7 +31,8 @@ use volume::brick_volume::{Epoch, SEEN};
 pub(crate) const LEAST_SUM: f32 = 1e-30;
 
 /// Rule by which older values fade.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Decay {
     /// Immediately, at `rate_per_s`.
     Exponential {

@@ -8,13 +8,16 @@
 
 use std::f64::consts::{PI, SQRT_2};
 
+use serde::{Deserialize, Serialize};
+
 /// Returns σ of the Gaussian whose half width at half maximum is `hwhm`.
 pub fn sigma_from_hwhm(hwhm: f64) -> f64 {
     hwhm / (2.0 * std::f64::consts::LN_2).sqrt()
 }
 
 /// Criterion that ends the kernel.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Support {
     /// The energy outside is this fraction of the whole: E = erfc(d / (√2 σ)).
     Energy(f64),
@@ -111,7 +114,8 @@ fn inverse_erfc(e: f64) -> f64 {
 
 /// Kernel in the plane and across it: the contribution of one slice to points beside its
 /// pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Method {
     /// Gaussian minus its value at the end of the support, so that it ends without a step. For
     /// rendering from slopes over less than half a σ, and for slices more than 3 σ apart.

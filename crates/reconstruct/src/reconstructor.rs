@@ -3,6 +3,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use mask::Mask;
 use simd::sharing::Sharing;
 use sonoweave_core::frames::{Transform, Volume, World};
@@ -96,7 +98,7 @@ pub struct Reconstructor {
 
 /// A slice that was inserted, with all that is needed to insert it into another part of the
 /// volume.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Entered {
     /// Decisions about it that depend on the slices before it.
     pub decision: Decision,

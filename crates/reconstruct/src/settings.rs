@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
+use serde::{Deserialize, Serialize};
 
 use mask::Mask;
 use simd::Simd;
@@ -33,8 +34,9 @@ pub const MAX_WEIGHT: f64 = 256.0;
 /// constant does not stay constant at all.
 pub const MOST_WEIGHT: f64 = 1e6;
 
-/// Settings of a reconstruction.
-#[derive(Debug, Clone)]
+/// Settings of a reconstruction. In files, they are without threads and instruction set, which give
+/// the same volume on every machine, and without region.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Settings {
     /// Voxel spacing, mm.
     pub spacing_mm: DVec3,
@@ -56,14 +58,21 @@ pub struct Settings {
     /// [`MOST_WEIGHT`]. At this weight the mean keeps moving instead of freezing.
     pub max_weight: f64,
     /// Threads that filter and insert.
+    #[serde(skip, default = "one")]
     pub threads: usize,
     /// Instruction set of the hot loops.
+    #[serde(skip, default = "Simd::detect")]
     pub simd: Simd,
     /// Memory limit of the bricks, bytes.
     pub memory_bytes: u64,
     /// Part of the lattice that is reconstructed, on the general path: bricks outside are left
     /// out, and all others have the same bits as without it. `None` for all.
+    #[serde(skip)]
     pub region: Option<BrickBox>,
+}
+
+fn one() -> usize {
+    1
 }
 
 impl Settings {

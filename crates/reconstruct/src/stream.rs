@@ -4,6 +4,8 @@
 //! them, a slice can be inserted into any part of the volume by itself, in another process, too:
 //! each brick gets the bits of an insertion into the whole.
 
+use serde::{Deserialize, Serialize};
+
 use mask::Mask;
 use simd::sharing::Sharing;
 use sonoweave_core::slice::Slice;
@@ -26,7 +28,7 @@ use super::task::{Rule, SliceTime};
 pub(super) const SAME_PIXEL: f64 = 1e-3;
 
 /// Decisions about a slice that depend on the slices before it.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Decision {
     /// Pixel size along u and v that the kernels in force were made for, mm. The slice's own may
     /// differ by a thousandth.

@@ -3,6 +3,7 @@
 mod live;
 mod picture;
 mod process;
+mod work;
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,6 +13,7 @@ use serde::Serialize;
 pub use live::{IgtlNumbers, LiveStatistics};
 pub use picture::{PictureNumbers, PictureStatistics};
 pub use process::ProcessNumbers;
+pub use work::{RegionNumbers, RegionWork, WorkNumbers};
 
 use config::Settings as Config;
 use export::fill::{FillWork, Filled};
@@ -19,7 +21,7 @@ use export::volume::DenseBox;
 use formats::whole::write_whole;
 use mask::{MaskFound, MaskSettings};
 use pipeline::Outcome;
-use reconstruct::{Compounding, Work};
+use reconstruct::Compounding;
 use sonoweave_core::ledger::Ledger;
 
 /// Distribution of the slices' insertion times, ms.
@@ -65,54 +67,6 @@ pub struct GridNumbers {
     pub spacing: [f64; 3],
     /// Direction of each index axis in the world.
     pub direction: [[f64; 3]; 3],
-}
-
-/// Work counters, which show the work that was skipped.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct WorkNumbers {
-    /// Pixels read by the in-plane filter.
-    pub pixels_filtered: u64,
-    /// Nodes that it computed.
-    pub nodes: u64,
-    /// Products that it summed.
-    pub taps: u64,
-    /// Bricks that intervals could not exclude, summed over slices.
-    pub bricks_considered: u64,
-    /// Columns that intervals could not exclude, summed over slices, on the planar path.
-    pub columns_considered: u64,
-    /// Columns that changed, summed over slices, on the planar path.
-    pub columns_touched: u64,
-    /// Bricks that changed, summed over slices.
-    pub bricks_touched: u64,
-    /// Voxels sampled, in whole vectors.
-    pub voxels_sampled: u64,
-}
-
-impl WorkNumbers {
-    /// Returns the numbers of the work done.
-    pub fn of(work: &Work) -> Self {
-        Self {
-            pixels_filtered: work.filter.pixels,
-            nodes: work.filter.nodes,
-            taps: work.filter.taps,
-            bricks_considered: work.bricks_considered,
-            columns_considered: work.columns_considered,
-            columns_touched: work.columns_touched,
-            bricks_touched: work.bricks_touched,
-            voxels_sampled: work.voxels_sampled,
-        }
-    }
-}
-
-/// Reconstruction in regions, each by itself.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct RegionNumbers {
-    /// Regions that slices meet.
-    pub count: u64,
-    /// Those of them that an interrupted run had finished.
-    pub kept: u64,
-    /// Regions that each slice meets, summed over slices: how often a slice was read and filtered.
-    pub meetings: u64,
 }
 
 /// A decay rule.
@@ -292,6 +246,14 @@ impl Statistics {
             regions: None,
             notes: outcome.notes.clone(),
         }
+    }
+
+    /// Enters the work of a reconstruction in regions.
+    pub fn enter_regions(&mut self, numbers: RegionNumbers, work: RegionWork) {
+        let RegionWork { voxels_updated, w_clamped, bricks, bytes, work } = work;
+        (self.voxels_updated, self.w_clamped) = (voxels_updated, w_clamped);
+        (self.bricks, self.bytes, self.work) = (bricks, bytes, work);
+        self.regions = Some(numbers);
     }
 
     /// Returns the report of a reconstruction: the numbers with the input, the effective

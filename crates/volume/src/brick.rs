@@ -1,5 +1,7 @@
 //! A brick: 8×8×8 voxels that are allocated, filled and rendered together.
 
+use serde::{Deserialize, Serialize};
+
 /// Voxels along a brick's edge.
 pub const EDGE: usize = 8;
 /// Voxels in a brick.
@@ -10,7 +12,7 @@ pub type BrickIndex = [i32; 3];
 
 /// A box of bricks, from the lowest to the highest position, both inclusive. It is empty if an end
 /// lies before its beginning.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BrickBox {
     /// Lowest position.
     pub low: BrickIndex,
@@ -25,6 +27,12 @@ impl BrickBox {
     /// Whether it holds no brick.
     pub fn is_empty(&self) -> bool {
         (0..3).any(|a| self.low[a] > self.high[a])
+    }
+
+    /// Returns the lowest and the highest voxel, both inclusive.
+    pub fn voxels(&self) -> [[i64; 3]; 2] {
+        let first = |brick: BrickIndex| brick.map(|at| i64::from(at) * EDGE as i64);
+        [first(self.low), first(self.high).map(|at| at + EDGE as i64 - 1)]
     }
 
     /// Returns the smallest box around both, neither of which is empty.

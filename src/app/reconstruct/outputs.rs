@@ -13,6 +13,7 @@ use export::fill::{FILLED, Filling};
 use export::planes::{PlanesOptions, VoxelValue, Window, planes};
 use export::volume::{DenseBox, Encoding, MOST_VOXELS, Scalar, write_values, write_weights};
 use mask::MaskSettings;
+use ome_zarr::OmeZarrWriter;
 use pipeline::{Outcome, PixelKind};
 use statistics::{FillNumbers, Source, Statistics};
 use volume::Voxels;
@@ -240,9 +241,11 @@ impl<'a> Request<'a> {
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = &options.volume {
                 if let Some((path, description)) = &volume_folder {
-                    let (target, _) = Target::create(path, description, &fields)?;
-                    target.write(volume, None)?;
-                    target.finish()?;
+                    let described = description.described(fields.clone());
+                    let target = Target::new(&described, outcome.reconstructor.settings().threads)?;
+                    let (writer, _) = OmeZarrWriter::create(path, &described.meta)?;
+                    target.write(writer.shards(), volume, None)?;
+                    target.finish(writer)?;
                 } else if input::is_dicom(path) {
                     self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
                 } else {

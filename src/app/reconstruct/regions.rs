@@ -1,15 +1,19 @@
 //! Reconstruction in regions: a volume that is larger than memory, as OME-Zarr.
 
+pub(crate) mod plan;
+pub(crate) mod processes;
+
+use ome_zarr::OmeZarrWriter;
+use pipeline::Outcome;
 use pipeline::regions::{RegionGrid, SweepPlan};
-use reconstruct::Work;
-use statistics::{RegionNumbers, Statistics, WorkNumbers};
-use volume::Voxels;
+use statistics::{RegionWork, Statistics};
 use volume::brick::{BrickBox, EDGE};
 
 use super::outputs::{Reconstructed, Request};
-use super::zarr::{Description, Target};
+use super::zarr::Description;
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
+use plan::{Recording, RegionsPlan};
 
 impl Request<'_> {
     /// Checks that the requested files can be written region by region.
@@ -49,57 +53,69 @@ impl Request<'_> {
     ///
     /// # Errors
     /// [`Failure`]: an earlier volume is unchanged, and finished regions are kept for another run.
-    pub(crate) fn finish_in_regions(&self, mut plan: SweepPlan, steps: Steps<'_>) -> Result<Reconstructed, Failure> {
-        let options = self.options();
-        let Some(path) = options.ome_zarr() else { return self.check_regions().and(Err(nothing())) };
-        plan.outcome.notes.extend(options.note.clone());
-        let encoding = options.encoding(plan.outcome.pixels)?;
-        let bounds = match (options.size, plan.outcome.reached) {
-            (Some(size), _) => [[0; 3], size.map(|n| n as i64 - 1)],
-            (None, Some(reached)) => reached,
-            (None, None) => return Err(nothing()),
-        };
-        let hash = crate::app::input::hash(self.sequence)?;
-        let description = Description::of(&plan.outcome, bounds, encoding, options.size.is_some());
-        let space = description.space();
-        let fields = self.provenance(&plan.outcome, &space, &encoding, &hash)?;
-
-        let settings = plan.outcome.reconstructor.settings();
-        let within = bricks_of(bounds);
-        let met = plan.slices.iter().map(|slice| slice.entered.bricks.within(&within));
-        let met: Vec<BrickBox> = met.filter(|bricks| !bricks.is_empty()).collect();
-        let shard_bricks = (description.extent().shard / EDGE as u64) as i32;
-        let grid = RegionGrid::new(&met, shard_bricks, settings.brick_bytes()?, settings.memory_bytes)?;
-        let (target, _) = Target::create(path, &description, &fields)?;
-        let regions: Vec<BrickBox> = grid.regions(&met).collect();
-        let step = steps("reconstructing regions", regions.len() as u64);
-        let mut numbers = RegionNumbers { count: regions.len() as u64, kept: 0, meetings: grid.meetings() };
-        let (mut work, mut bricks, mut bytes) = (Work::default(), 0, 0);
-        for (done, region) in (1..).zip(&regions) {
-            if target.has(region) {
-                numbers.kept += 1;
-            } else {
-                let reconstructor = plan.reconstruct(region)?;
-                let volume = reconstructor.volume();
-                target.write(volume, Some(region))?;
-                work += reconstructor.work();
-                bricks += volume.len() as u64;
-                bytes = volume.bytes().max(bytes);
+    pub(crate) fn finish_in_regions(
+        &self,
+        (sweep, mut outcome): (SweepPlan, Outcome),
+        steps: Steps<'_>,
+    ) -> Result<Reconstructed, Failure> {
+        let plan = self.plan_regions(sweep, &mut outcome)?;
+        let target = plan.target()?;
+        let (writer, _) = OmeZarrWriter::create(plan.path(), &plan.described.meta)?;
+        let step = steps("reconstructing regions", plan.regions.len() as u64);
+        let (mut numbers, mut work) = (plan.numbers(), RegionWork::default());
+        for (done, region) in (1..).zip(&plan.regions) {
+            match plan.reconstruct(&target, writer.shards(), region)? {
+                Some(added) => work.add(&added),
+                None => numbers.kept += 1,
             }
             step(done);
         }
         drop(step);
-        target.finish()?;
+        target.finish(writer)?;
+        let mut statistics = self.planned_statistics(&plan, &outcome);
+        statistics.enter_regions(numbers, work);
+        let document = self.document(&statistics, &plan.recording.sha256, None::<&()>)?;
+        Ok(Reconstructed { outcome, statistics, document, filled: None })
+    }
 
-        let mut outcome = plan.outcome;
-        outcome.voxels_updated = work.voxels_updated;
+    /// Divides a planned sweep's volume into regions.
+    ///
+    /// # Errors
+    /// [`Failure`] when no slice reaches a voxel, or a region does not fit into memory.
+    pub(super) fn plan_regions(&self, sweep: SweepPlan, outcome: &mut Outcome) -> Result<RegionsPlan, Failure> {
+        self.check_regions()?;
+        let options = self.options();
+        let Some(path) = options.ome_zarr() else { return Err(nothing()) };
+        outcome.notes.extend(options.note.clone());
         // Times of planning.
         outcome.insert_ms.clear();
-        let mut statistics = Statistics::new(&outcome, &space, Some(encoding.scalar.name()), self.began.elapsed());
-        (statistics.bricks, statistics.bytes, statistics.w_clamped) = (bricks, bytes, work.weights_clamped);
-        (statistics.work, statistics.regions) = (WorkNumbers::of(&work), Some(numbers));
-        let document = self.document(&statistics, &hash, None::<&()>)?;
-        Ok(Reconstructed { outcome, statistics, document, filled: None })
+        let encoding = options.encoding(outcome.pixels)?;
+        let bounds = match (options.size, outcome.reached) {
+            (Some(size), _) => [[0; 3], size.map(|n| n as i64 - 1)],
+            (None, Some(reached)) => reached,
+            (None, None) => return Err(nothing()),
+        };
+        let recording = Recording::of(self.sequence)?;
+        let description = Description::of(outcome, bounds, encoding, options.size.is_some());
+        let space = description.space();
+        let fields = self.provenance(outcome, &space, &encoding, &recording.sha256)?;
+        let described = description.described(fields);
+
+        let within = bricks_of(bounds);
+        let met = sweep.slices.iter().map(|slice| slice.entered.bricks.within(&within));
+        let met: Vec<BrickBox> = met.filter(|bricks| !bricks.is_empty()).collect();
+        let shard_bricks = (described.meta.extent.shard / EDGE as u64) as i32;
+        let settings = &sweep.settings;
+        let grid = RegionGrid::new(&met, shard_bricks, settings.brick_bytes()?, settings.memory_bytes)?;
+        let regions = grid.regions(&met).collect();
+        let (path, meetings) = (path.to_owned(), grid.meetings());
+        RegionsPlan::new(path, recording, described, regions, meetings, sweep)
+    }
+
+    /// Returns the numbers of a planned reconstruction, without those of its regions.
+    pub(super) fn planned_statistics(&self, plan: &RegionsPlan, outcome: &Outcome) -> Statistics {
+        let space = plan.described.space(outcome);
+        Statistics::new(outcome, &space, Some(plan.described.encoding.scalar.name()), self.began.elapsed())
     }
 }
 

@@ -48,7 +48,7 @@ impl Sweep {
     ///
     /// # Errors
     /// [`PipelineError`] when no frame can be used, or the run as a whole fails.
-    pub(crate) fn plan(self, steps: Steps<'_>) -> Result<SweepPlan, PipelineError> {
+    pub(crate) fn plan(self, steps: Steps<'_>) -> Result<(SweepPlan, Outcome), PipelineError> {
         let Self { input, frames, off_plane, session, .. } = self;
         let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
         let step = steps("planning", sequence.count());

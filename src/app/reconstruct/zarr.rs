@@ -5,11 +5,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use export::volume::{DenseBox, Encoding, Scalar, written_weight};
 use mask::Mask;
-use ome_zarr::{Begun, Extent, Meta, OmeZarrError, OmeZarrWriter, Samples, ShardIndex};
+use ome_zarr::{Extent, Meta, OmeZarrError, OmeZarrWriter, Samples, ShardIndex, ShardWriter};
 use pipeline::Outcome;
 use reconstruct::Settings;
 use sonoweave_core::frames::{Transform, Volume, World};
@@ -81,35 +82,12 @@ impl<'a> Description<'a> {
         Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
-    /// Returns the box of all elements.
-    pub(super) fn space(&self) -> DenseBox {
-        let Extent { first, size, .. } = self.extent();
-        DenseBox::new(first, size, self.world_from_lattice, self.settings)
-    }
-}
-
-/// A volume that is being written.
-pub(super) struct Target {
-    writer: OmeZarrWriter,
-    bounds: [[i64; 3]; 2],
-    encoding: Encoding,
-    pool: rayon::ThreadPool,
-}
-
-impl Target {
-    /// Begins a volume, or goes on with one that was interrupted. `fields` describe its origin.
-    ///
-    /// # Errors
-    /// [`Failure`] when the folder cannot be written; an earlier volume is unchanged.
-    pub(super) fn create(
-        path: &Path,
-        description: &Description<'_>,
-        fields: &[(String, String)],
-    ) -> Result<(Self, Begun), Failure> {
-        let Description { bounds, settings, encoding, range, slices_box, .. } = description;
-        let space = description.space();
+    /// Returns what is needed to write it. `fields` describe its origin.
+    pub(super) fn described(&self, fields: Vec<(String, String)>) -> Described {
+        let Self { bounds, encoding, range, slices_box, .. } = *self;
+        let space = self.space();
         let meta = Meta {
-            extent: description.extent(),
+            extent: self.extent(),
             origin: space.grid.origin,
             spacing: space.grid.spacing,
             direction: space.grid.direction,
@@ -120,31 +98,74 @@ impl Target {
             },
             unseen: encoding.unseen,
             label: false,
-            range: Some(*range),
-            slices_box: *slices_box,
-            fields: fields.to_vec(),
-            content_key: description.content_key(fields),
+            range: Some(range),
+            slices_box,
+            content_key: self.content_key(&fields),
+            fields,
         };
-        let (writer, begun) = OmeZarrWriter::create(path, &meta)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads.max(1)).build()?;
-        Ok((Self { writer, bounds: *bounds, encoding: *encoding, pool }, begun))
+        Described { meta, bounds, encoding }
+    }
+
+    /// Returns the box of all elements.
+    pub(super) fn space(&self) -> DenseBox {
+        let Extent { first, size, .. } = self.extent();
+        DenseBox::new(first, size, self.world_from_lattice, self.settings)
+    }
+}
+
+/// Everything that is needed to write the volume, or a region of it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Described {
+    /// Everything that is written beside the voxels.
+    pub(super) meta: Meta,
+    bounds: [[i64; 3]; 2],
+    pub(super) encoding: Encoding,
+}
+
+impl Described {
+    /// Returns the box of all elements.
+    pub(super) fn space(&self, outcome: &Outcome) -> DenseBox {
+        let (Extent { first, size, .. }, reconstructor) = (self.meta.extent, &outcome.reconstructor);
+        DenseBox::new(first, size, reconstructor.world_from_lattice(), reconstructor.settings())
+    }
+}
+
+/// A volume that is being written.
+pub(super) struct Target<'a> {
+    described: &'a Described,
+    pool: rayon::ThreadPool,
+}
+
+impl<'a> Target<'a> {
+    /// Prepares to write by so many threads.
+    ///
+    /// # Errors
+    /// [`Failure`] when the threads cannot be started.
+    pub(super) fn new(described: &'a Described, threads: usize) -> Result<Self, Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build()?;
+        Ok(Self { described, pool })
     }
 
     /// Whether all shards of a region are written.
-    pub(super) fn has(&self, region: &BrickBox) -> bool {
-        self.shards(Some(region)).into_iter().all(|shard| self.writer.is_done(0, shard))
+    pub(super) fn has(&self, writer: &ShardWriter, region: &BrickBox) -> bool {
+        self.shards(Some(region)).into_iter().all(|shard| writer.is_done(0, shard))
     }
 
     /// Writes the shards of a region, or all; those that hold nothing are left out.
     ///
     /// # Errors
     /// [`Failure`] when a file cannot be written; what is written is kept for another run.
-    pub(super) fn write(&self, volume: &dyn Voxels, region: Option<&BrickBox>) -> Result<(), Failure> {
+    pub(super) fn write(
+        &self,
+        writer: &ShardWriter,
+        volume: &dyn Voxels,
+        region: Option<&BrickBox>,
+    ) -> Result<(), Failure> {
         let held: BTreeSet<ShardIndex> = volume.blocks().filter_map(|block| self.shard_of(block)).collect();
         let written = self.pool.install(|| {
             self.shards(region).par_iter().try_for_each(|shard| match held.contains(shard) {
-                true => self.write_shard(volume, *shard),
-                false => self.writer.leave_out(*shard),
+                true => self.write_shard(writer, volume, *shard),
+                false => writer.leave_out(*shard),
             })
         });
         Ok(written?)
@@ -154,22 +175,21 @@ impl Target {
     ///
     /// # Errors
     /// [`Failure`] when a file cannot be written; an earlier volume is unchanged.
-    pub(super) fn finish(self) -> Result<(), Failure> {
-        let Self { writer, pool, .. } = self;
-        Ok(pool.install(|| writer.finish())?)
+    pub(super) fn finish(&self, writer: OmeZarrWriter) -> Result<(), Failure> {
+        Ok(self.pool.install(|| writer.finish())?)
     }
 
     /// Returns the shard of a block of 8³ voxels, if it is one.
     fn shard_of(&self, block: BrickIndex) -> Option<ShardIndex> {
-        let Extent { first, shard, .. } = self.writer.meta().extent;
+        let Extent { first, shard, .. } = self.described.meta.extent;
         let at = |a: usize| u64::try_from(i64::from(block[a]) * EDGE as i64 - first[a]).ok().map(|at| at / shard);
         let index = [at(2)?, at(1)?, at(0)?];
-        self.writer.meta().extent.shard_size(0, index).map(|_| index)
+        self.described.meta.extent.shard_size(0, index).map(|_| index)
     }
 
     /// Returns the shards of a region, or all.
     fn shards(&self, region: Option<&BrickBox>) -> Vec<ShardIndex> {
-        let extent = self.writer.meta().extent;
+        let extent = self.described.meta.extent;
         let is_inside = |index: &ShardIndex| {
             let first = extent.shard_first(*index).map(|voxel| voxel.div_euclid(EDGE as i64));
             region.is_none_or(|region| {
@@ -179,13 +199,12 @@ impl Target {
         extent.shard_indices(0).filter(is_inside).collect()
     }
 
-    fn write_shard(&self, volume: &dyn Voxels, shard: ShardIndex) -> Result<(), OmeZarrError> {
-        let extent = self.writer.meta().extent;
+    fn write_shard(&self, writer: &ShardWriter, volume: &dyn Voxels, shard: ShardIndex) -> Result<(), OmeZarrError> {
+        let Described { meta: Meta { extent, .. }, bounds: [low, high], encoding } = self.described;
         let [nz, ny, nx] = extent.shard_size(0, shard).unwrap_or_default();
         let first = extent.shard_first(shard);
-        let (mut values, mut weights) = (vec![self.encoding.unseen; nx * ny * nz], vec![0.0; nx * ny * nz]);
+        let (mut values, mut weights) = (vec![encoding.unseen; nx * ny * nz], vec![0.0; nx * ny * nz]);
         let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
-        let [low, high] = self.bounds;
         for block in (0..nz)
             .step_by(EDGE)
             .flat_map(|z| (0..ny).step_by(EDGE).flat_map(move |y| (0..nx).step_by(EDGE).map(move |x| [x, y, z])))
@@ -200,21 +219,21 @@ impl Target {
                 let is_kept = (0..3).all(|a| (low[a]..=high[a]).contains(&voxel[a]));
                 if is_kept && x < nx && y < ny && z < nz {
                     let place = (z * ny + y) * nx + x;
-                    values[place] = self.encoding.written(r[at], w[at]);
+                    values[place] = encoding.written(r[at], w[at]);
                     weights[place] = written_weight(w[at]);
                 }
             }
         }
-        match self.encoding.scalar {
+        match encoding.scalar {
             Scalar::U8 => {
                 let values: Vec<u8> = values.iter().map(|value| *value as u8).collect();
-                self.writer.write_shard(shard, Samples::U8(&values), &weights)
+                writer.write_shard(shard, Samples::U8(&values), &weights)
             }
             Scalar::U16 => {
                 let values: Vec<u16> = values.iter().map(|value| *value as u16).collect();
-                self.writer.write_shard(shard, Samples::U16(&values), &weights)
+                writer.write_shard(shard, Samples::U16(&values), &weights)
             }
-            Scalar::F32 => self.writer.write_shard(shard, Samples::F32(&values), &weights),
+            Scalar::F32 => writer.write_shard(shard, Samples::F32(&values), &weights),
         }
     }
 }

@@ -67,7 +67,7 @@ fn filled_voxels_keep_value_and_weight() {
     let (writer, _) = OmeZarrWriter::create(&path, &meta([0; 3], [130, 1, 1], Scalar::U8)).unwrap();
     let mut weights = [0.0; 16];
     weights[3] = -1.0;
-    writer.write_shard([0, 0, 0], Samples::U8(&[9; 16]), &weights).unwrap();
+    writer.shards().write_shard([0, 0, 0], Samples::U8(&[9; 16]), &weights).unwrap();
     writer.finish().unwrap();
     let volume = OmeZarr::open(&path).unwrap();
     let (values, read) = volume.read(0, [0; 3], [16, 1, 1]).unwrap();
@@ -82,12 +82,12 @@ fn empty_space_has_no_files() {
     let meta = meta([0; 3], [200, 40, 40], Scalar::F32);
     let (writer, _) = OmeZarrWriter::create(&path, &meta).unwrap();
     let (values, mut weights) = (vec![5.0; 4096], vec![0.0; 4096]);
-    writer.write_shard([1, 1, 1], Samples::F32(&values), &weights).unwrap();
-    writer.leave_out([1, 1, 2]).unwrap();
+    writer.shards().write_shard([1, 1, 1], Samples::F32(&values), &weights).unwrap();
+    writer.shards().leave_out([1, 1, 2]).unwrap();
     weights[77] = 1.0;
-    writer.write_shard([1, 1, 4], Samples::F32(&values), &weights).unwrap();
-    assert!([[1, 1, 1], [1, 1, 2], [1, 1, 4]].iter().all(|index| writer.is_done(0, *index)));
-    assert!(!writer.is_done(0, [0, 0, 0]));
+    writer.shards().write_shard([1, 1, 4], Samples::F32(&values), &weights).unwrap();
+    assert!([[1, 1, 1], [1, 1, 2], [1, 1, 4]].iter().all(|index| writer.shards().is_done(0, *index)));
+    assert!(!writer.shards().is_done(0, [0, 0, 0]));
     writer.finish().unwrap();
     let files = tree(&path);
     let shards: Vec<&String> = files.keys().filter(|key| key.contains("/c/")).collect();

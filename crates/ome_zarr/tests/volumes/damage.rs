@@ -53,7 +53,7 @@ fn damaged_child_is_named_and_no_volume_appears() {
     let scene = Scene::new(meta([0; 3], [140, 17, 9], Scalar::F32), 13);
     let (writer, _) = OmeZarrWriter::create(&path, &scene.meta).unwrap();
     for index in scene.meta.extent.shard_indices(0) {
-        scene.write_shard(&writer, index).unwrap();
+        scene.write_shard(writer.shards(), index).unwrap();
     }
     let file = part.join("weight/0/c/0/0/3");
     let mut damaged = std::fs::read(&file).unwrap();

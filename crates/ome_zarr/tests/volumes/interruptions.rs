@@ -17,7 +17,7 @@ fn steps(meta: &Meta) -> Vec<(usize, ShardIndex)> {
 }
 
 fn write(scene: &Scene, writer: &OmeZarrWriter, (level, index): (usize, ShardIndex)) {
-    if level == 0 { scene.write_shard(writer, index) } else { writer.write_parent(level, index) }.unwrap();
+    if level == 0 { scene.write_shard(writer.shards(), index) } else { writer.write_parent(level, index) }.unwrap();
 }
 
 fn uninterrupted(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
@@ -31,7 +31,7 @@ fn uninterrupted(scene: &Scene) -> BTreeMap<String, Vec<u8>> {
 fn finish(scene: &Scene, path: &Path) -> Begun {
     let (writer, begun) = OmeZarrWriter::create(path, &scene.meta).unwrap();
     for step in steps(&scene.meta) {
-        if !writer.is_done(step.0, step.1) {
+        if !writer.shards().is_done(step.0, step.1) {
             write(scene, &writer, step);
         }
     }
@@ -114,7 +114,7 @@ fn other_description_starts_anew() {
         change(&mut second.meta);
         let (writer, begun) = OmeZarrWriter::create(&path, &second.meta).unwrap();
         assert_eq!(begun, Begun::Anew);
-        assert!(!writer.is_done(0, [0, 0, 1]));
+        assert!(!writer.shards().is_done(0, [0, 0, 1]));
         assert_eq!(tree(&folder.path().join("a.ome.zarr.part")).keys().filter(|key| key.contains("/c/")).count(), 0);
     }
 }
@@ -158,9 +158,9 @@ fn refused_write_leaves_the_rest_to_go_on() {
     let (writer, _) = OmeZarrWriter::create(&path, &scene.meta).unwrap();
     // Neither a full disk nor missing permission can be had everywhere: a folder is in the way.
     std::fs::create_dir_all(part.join("weight/0/c/0/0/4/in the way")).unwrap();
-    let refused = scene.write_shard(&writer, [0, 0, 4]).unwrap_err();
+    let refused = scene.write_shard(writer.shards(), [0, 0, 4]).unwrap_err();
     assert!(matches!(&refused, OmeZarrError::Io { path, .. } if path.ends_with("a.ome.zarr.part/weight/0/c/0/0/4")));
-    assert!(!writer.is_done(0, [0, 0, 4]));
+    assert!(!writer.shards().is_done(0, [0, 0, 4]));
     drop(writer);
     assert!(!path.exists());
     finish(&scene, &path);

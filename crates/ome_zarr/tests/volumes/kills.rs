@@ -19,8 +19,8 @@ fn scene() -> Scene {
 fn write(path: &Path) {
     let scene = scene();
     let (writer, _) = OmeZarrWriter::create(path, &scene.meta).unwrap();
-    for index in scene.meta.extent.shard_indices(0).filter(|index| !writer.is_done(0, *index)) {
-        scene.write_shard(&writer, index).unwrap();
+    for index in scene.meta.extent.shard_indices(0).filter(|index| !writer.shards().is_done(0, *index)) {
+        scene.write_shard(writer.shards(), index).unwrap();
     }
     writer.finish().unwrap();
 }

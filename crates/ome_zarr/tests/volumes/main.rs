@@ -10,5 +10,6 @@ mod kills;
 mod order;
 mod pyramid;
 mod refusals;
+mod regions;
 mod scene;
 mod views;

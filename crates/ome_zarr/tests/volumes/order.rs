@@ -15,10 +15,10 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 fn write(scene: &Scene, path: &Path, order: &[ShardIndex], threads: usize) -> usize {
     let (writer, _) = OmeZarrWriter::create(path, &scene.meta).unwrap();
     pool(threads).install(|| {
-        order.par_iter().for_each(|index| scene.write_shard(&writer, *index).unwrap());
+        order.par_iter().for_each(|index| scene.write_shard(writer.shards(), *index).unwrap());
         // Some parents by hand, as far as their children are done.
         writer.write_parent(1, [0, 0, 0]).unwrap();
-        let most = writer.most_shards_in_memory();
+        let most = writer.shards().most_shards_in_memory();
         writer.finish().unwrap();
         most
     })
@@ -68,17 +68,18 @@ fn changed_shard_renews_its_parents() {
     let (writer, _) = OmeZarrWriter::create(&path, &old.meta).unwrap();
     for scene in [&old, &new] {
         for index in scene.meta.extent.shard_indices(0) {
-            scene.write_shard(&writer, index).unwrap();
+            scene.write_shard(writer.shards(), index).unwrap();
         }
         for level in [1, 2] {
-            for index in scene.meta.extent.shard_indices(level).filter(|index| !writer.is_done(level, *index)) {
+            for index in scene.meta.extent.shard_indices(level).filter(|index| !writer.shards().is_done(level, *index))
+            {
                 writer.write_parent(level, index).unwrap();
             }
         }
     }
-    writer.leave_out([0, 0, 3]).unwrap();
-    assert!(!writer.is_done(1, [0, 0, 1]) && writer.is_done(1, [0, 0, 0]));
-    new.write_shard(&writer, [0, 0, 3]).unwrap();
+    writer.shards().leave_out([0, 0, 3]).unwrap();
+    assert!(!writer.shards().is_done(1, [0, 0, 1]) && writer.shards().is_done(1, [0, 0, 0]));
+    new.write_shard(writer.shards(), [0, 0, 3]).unwrap();
     writer.finish().unwrap();
     assert!(tree(&path) == expected);
 }

@@ -73,25 +73,31 @@ fn shards_that_do_not_fit_are_refused() {
         other => panic!("{other}"),
     };
     for (result, expected) in [
-        (writer.write_shard([0, 0, 13], Samples::F32(&values), &weights), BadShard::Outside),
-        (writer.leave_out([1, 0, 0]), BadShard::Outside),
+        (writer.shards().write_shard([0, 0, 13], Samples::F32(&values), &weights), BadShard::Outside),
+        (writer.shards().leave_out([1, 0, 0]), BadShard::Outside),
         (writer.write_parent(0, [0, 0, 0]), BadShard::Outside),
         (writer.write_parent(2, [0, 0, 0]), BadShard::Outside),
         (writer.write_parent(1, [0, 0, 7]), BadShard::Outside),
         (
-            writer.write_shard([0, 0, 0], Samples::U8(&[0; 400]), &weights),
+            writer.shards().write_shard([0, 0, 0], Samples::U8(&[0; 400]), &weights),
             BadShard::Type { given: "u8", expected: "f32" },
         ),
         (
-            writer.write_shard([0, 0, 0], Samples::F32(&values[1..]), &weights),
+            writer.shards().write_shard([0, 0, 0], Samples::F32(&values[1..]), &weights),
             BadShard::Length { what: "values", given: 399, expected: 400 },
         ),
         (
-            writer.write_shard([0, 0, 12], Samples::F32(&values[..200]), &weights),
+            writer.shards().write_shard([0, 0, 12], Samples::F32(&values[..200]), &weights),
             BadShard::Length { what: "weights", given: 400, expected: 200 },
         ),
-        (writer.write_shard([0, 0, 0], Samples::F32(&values), &bad), BadShard::NotFinite { what: "a weight", at: 7 }),
-        (writer.write_shard([0, 0, 0], Samples::F32(&bad), &weights), BadShard::NotFinite { what: "a value", at: 7 }),
+        (
+            writer.shards().write_shard([0, 0, 0], Samples::F32(&values), &bad),
+            BadShard::NotFinite { what: "a weight", at: 7 },
+        ),
+        (
+            writer.shards().write_shard([0, 0, 0], Samples::F32(&bad), &weights),
+            BadShard::NotFinite { what: "a value", at: 7 },
+        ),
         (writer.write_parent(1, [0, 0, 3]), BadShard::Pending { child: "0/c/0/0/6".into() }),
     ] {
         assert_eq!(source(result), expected);

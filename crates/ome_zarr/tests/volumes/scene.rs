@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use ome_zarr::{Extent, Meta, OmeZarr, OmeZarrWriter, Samples, Scalar, ShardIndex};
+use ome_zarr::{Extent, Meta, OmeZarr, OmeZarrWriter, Samples, Scalar, ShardIndex, ShardWriter};
 
 /// Voxels along a shard's and a chunk's edge: small, so that small volumes have many.
 pub(crate) const EDGES: [u64; 2] = [16, 8];
@@ -73,7 +73,7 @@ impl Scene {
     }
 
     /// Writes a shard of level 0.
-    pub(crate) fn write_shard(&self, writer: &OmeZarrWriter, index: ShardIndex) -> Result<(), ome_zarr::OmeZarrError> {
+    pub(crate) fn write_shard(&self, writer: &ShardWriter, index: ShardIndex) -> Result<(), ome_zarr::OmeZarrError> {
         let edge = self.meta.extent.shard;
         let size = self.meta.extent.shard_size(0, index).unwrap();
         let (values, weights) = self.cut(index.map(|at| (at * edge) as usize), size);
@@ -94,7 +94,7 @@ impl Scene {
     pub(crate) fn write(&self, path: &Path) {
         let (writer, _) = OmeZarrWriter::create(path, &self.meta).unwrap();
         for index in self.meta.extent.shard_indices(0) {
-            self.write_shard(&writer, index).unwrap();
+            self.write_shard(writer.shards(), index).unwrap();
         }
         writer.finish().unwrap();
     }

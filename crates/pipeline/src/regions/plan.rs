@@ -1,11 +1,14 @@
 //! The plan of a sweep: which slices enter, and all that is needed to insert each of them into any
-//! region by itself.
+//! region by itself, in another process, too.
 
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use drivers::replay::SequenceSettings;
-use reconstruct::Entered;
+use serde::{Deserialize, Serialize};
+
+use mask::Mask;
+use reconstruct::{Entered, Settings};
 use sonoweave_core::clock::Monotonic;
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use volume::brick::BrickBox;
@@ -15,7 +18,7 @@ use crate::session::{Finished, Sequence, Session, SessionInputs, SessionStatus, 
 use crate::{Outcome, PipelineError};
 
 /// A slice that enters the volume.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlannedSlice {
     /// Number of its frame in the recording.
     pub item: u64,
@@ -28,13 +31,16 @@ pub struct PlannedSlice {
 }
 
 /// The plan of a sweep's reconstruction.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SweepPlan {
-    /// The recording.
-    pub(super) input: SequenceSettings,
+    /// File of the recording.
+    pub recording: PathBuf,
+    /// Settings of the reconstruction.
+    pub settings: Settings,
+    /// Pixels that are data.
+    pub mask: Mask,
     /// The slices that enter, in their order.
     pub slices: Vec<PlannedSlice>,
-    /// The outcome of all frames, with an empty volume.
-    pub outcome: Outcome,
 }
 
 /// Collects the slices that enter.
@@ -55,7 +61,8 @@ impl Observer for Collector {
 impl SweepPlan {
     /// Plans a sweep by the session that would reconstruct it, which inserts nothing: the mask, the
     /// pairing, the refusals and their counts are the same. The general path is taken. Calls
-    /// `watch` every 20 ms with the status.
+    /// `watch` every 20 ms with the status. Returns also the outcome of all frames, with an empty
+    /// volume.
     ///
     /// # Errors
     /// [`PipelineError`] if no frame can be used, or the run as a whole fails.
@@ -63,11 +70,11 @@ impl SweepPlan {
         mut session: Session,
         sequence: Sequence,
         mut watch: impl FnMut(&SessionStatus),
-    ) -> Result<Self, PipelineError> {
+    ) -> Result<(Self, Outcome), PipelineError> {
         let collector = Arc::new(Collector::default());
         session.settings.region = Some(BrickBox::EMPTY);
         session.observers.push(Arc::clone(&collector) as Arc<dyn Observer>);
-        let input = sequence.input().clone();
+        let recording = sequence.input().path.clone();
         let source = SessionInputs::of(Source::Sequence(sequence));
         let ran = run(&session, source, &Monotonic, &AtomicBool::new(false), |status| {
             watch(status);
@@ -76,6 +83,8 @@ impl SweepPlan {
         let Finished { outcome, status, .. } = ran?.finish();
         let outcome = outcome.ok_or_else(|| PipelineError::NothingUsed(Box::new(status.ledger)))?;
         let slices = std::mem::take(&mut *collector.0.lock().unwrap_or_else(PoisonError::into_inner));
-        Ok(Self { input, slices, outcome })
+        let settings = Settings { region: None, ..outcome.reconstructor.settings().clone() };
+        let mask = (*outcome.mask.mask).clone();
+        Ok((Self { recording, settings, mask, slices }, outcome))
     }
 }

@@ -20,13 +20,12 @@ impl SweepPlan {
     /// [`PipelineError`] if the recording cannot be read, is not the planned one, or memory does
     /// not suffice.
     pub fn reconstruct(&self, region: &BrickBox) -> Result<Reconstructor, PipelineError> {
-        let planned = &self.outcome.reconstructor;
-        let settings = Settings { region: Some(*region), ..planned.settings().clone() };
-        let mut reconstructor = Reconstructor::new(settings, (*self.outcome.mask.mask).clone())?;
+        let settings = Settings { region: Some(*region), ..self.settings.clone() };
+        let mut reconstructor = Reconstructor::new(settings, self.mask.clone())?;
         let meets = |slice: &&PlannedSlice| !slice.entered.bricks.within(region).is_empty();
         let only: Arc<[u64]> = self.slices.iter().filter(meets).map(|slice| slice.item).collect();
         let mut slices = self.slices.iter().filter(meets);
-        let mut device = Replay::open(&SequenceSettings { only: Some(only), ..self.input.clone() })
+        let mut device = Replay::open(&SequenceSettings { only: Some(only), ..SequenceSettings::new(&self.recording) })
             .map_err(sonoweave_core::Error::from)?;
         let mut ingest = Ingest::new();
         device.start()?;

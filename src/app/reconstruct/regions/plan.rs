@@ -1,0 +1,211 @@
+//! The plan of a volume that is reconstructed in regions, and its file.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use formats::whole::write_whole;
+use ome_zarr::{ShardWriter, plan_path};
+use pipeline::regions::SweepPlan;
+use statistics::{RegionNumbers, RegionWork};
+use volume::brick::BrickBox;
+
+use crate::app::input;
+use crate::app::json::document;
+use crate::app::reconstruct::zarr::{Described, Target};
+use crate::failure::Failure;
+
+/// The program that made a plan. Another version or build may decide otherwise.
+const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " ", env!("SONOWEAVE_BUILT_FROM"));
+
+/// The recording's file, as it was when the plan was made.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Recording {
+    /// Length, bytes.
+    bytes: u64,
+    /// Time of its last change, ns since 1970.
+    changed_ns: u128,
+    /// SHA-256.
+    pub(super) sha256: String,
+}
+
+impl Recording {
+    /// Reads a file's properties.
+    ///
+    /// # Errors
+    /// [`Failure`] when the file cannot be read.
+    pub(super) fn of(path: &Path) -> Result<Self, Failure> {
+        let (bytes, changed_ns) = Self::stamp(path)?;
+        Ok(Self { bytes, changed_ns, sha256: input::hash(path)? })
+    }
+
+    fn stamp(path: &Path) -> Result<(u64, u128), Failure> {
+        let there = fs::metadata(path).map_err(|error| Failure::io(path, "reading", &error))?;
+        let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        Ok((there.len(), changed.unwrap_or_default().as_nanos()))
+    }
+
+    /// Checks that a file is this recording: by length and time, else by its content.
+    fn check(&self, path: &Path) -> Result<(), Failure> {
+        let (bytes, changed_ns) = Self::stamp(path)?;
+        let is_same = bytes == self.bytes && (changed_ns == self.changed_ns || input::hash(path)? == self.sha256);
+        if is_same {
+            return Ok(());
+        }
+        Err(Failure(format!(
+            "{}: has changed since the plan was made; give back the planned recording, or plan again",
+            path.display()
+        )))
+    }
+}
+
+/// The plan of a volume: everything that a process needs to reconstruct one of its regions.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct RegionsPlan {
+    program: String,
+    pub(super) recording: Recording,
+    pub(super) described: Described,
+    /// The regions that slices meet.
+    pub(crate) regions: Vec<BrickBox>,
+    /// Regions that each slice meets, summed over slices.
+    pub(super) meetings: u64,
+    /// The report of the plan's command.
+    pub(super) report: Value,
+    /// Slices and settings.
+    pub(super) sweep: SweepPlan,
+    /// The volume.
+    #[serde(skip)]
+    path: PathBuf,
+}
+
+impl RegionsPlan {
+    /// Returns the plan of a volume to be written there.
+    ///
+    /// # Errors
+    /// [`Failure`] when the recording has no absolute path.
+    pub(super) fn new(
+        path: PathBuf,
+        recording: Recording,
+        described: Described,
+        regions: Vec<BrickBox>,
+        meetings: u64,
+        mut sweep: SweepPlan,
+    ) -> Result<Self, Failure> {
+        let absolute = sweep.recording.canonicalize();
+        sweep.recording = absolute.map_err(|error| Failure::io(&sweep.recording, "opening", &error))?;
+        let (program, report) = (PROGRAM.trim_end().to_owned(), Value::Null);
+        Ok(Self { program, recording, described, regions, meetings, report, sweep, path })
+    }
+
+    /// The volume.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Reads the plan of an unfinished volume. `threads` will filter and insert.
+    ///
+    /// # Errors
+    /// [`Failure`] when there is none, it is another program's, or the recording has changed.
+    pub(super) fn read(path: &Path, threads: usize) -> Result<Self, Failure> {
+        let file = plan_path(path);
+        if !file.is_file() {
+            fail!(
+                "{}: has no plan ({} is missing); make one by `sonoweave regions plan`{}",
+                path.display(),
+                file.display(),
+                if path.is_dir() { ", unless this volume is the finished one" } else { "" }
+            );
+        }
+        let text = fs::read(&file).map_err(|error| Failure::io(&file, "reading", &error))?;
+        // The program is read first: another one's plan may have other fields.
+        let value: Value = serde_json::from_slice(&text).map_err(|error| {
+            Failure(format!("{}: is no plan ({error}); make it again by `sonoweave regions plan`", file.display()))
+        })?;
+        let program = value.get("program").and_then(Value::as_str).unwrap_or_default().to_owned();
+        if program != PROGRAM.trim_end() {
+            fail!(
+                "{}: was made by sonoweave {program}, and this is {}; use that program, or plan again",
+                file.display(),
+                PROGRAM.trim_end()
+            );
+        }
+        let mut plan: Self = serde_json::from_value(value).map_err(|error| {
+            Failure(format!("{}: is damaged ({error}); make it again by `sonoweave regions plan`", file.display()))
+        })?;
+        plan.path = path.to_owned();
+        plan.sweep.settings.threads = threads;
+        Ok(plan)
+    }
+
+    /// Writes the plan into the unfinished volume.
+    ///
+    /// # Errors
+    /// [`Failure`] when the file cannot be written.
+    pub(super) fn write(&self) -> Result<(), Failure> {
+        let (file, text) = (plan_path(&self.path), serde_json::to_vec(self)?);
+        write_whole(&file, |to| to.write_all(&text)).map_err(|error| Failure::io(&file, "writing", &error))
+    }
+
+    /// Checks that the recording is the planned one.
+    ///
+    /// # Errors
+    /// [`Failure`] when it has changed.
+    pub(super) fn check_recording(&self) -> Result<(), Failure> {
+        self.recording.check(&self.sweep.recording)
+    }
+
+    /// Prepares to write the volume.
+    ///
+    /// # Errors
+    /// [`Failure`] when threads cannot be started.
+    pub(super) fn target(&self) -> Result<Target<'_>, Failure> {
+        Target::new(&self.described, self.sweep.settings.threads)
+    }
+
+    /// Returns the numbers of the regions.
+    pub(super) fn numbers(&self) -> RegionNumbers {
+        RegionNumbers { count: self.regions.len() as u64, kept: 0, meetings: self.meetings }
+    }
+
+    /// Reconstructs and writes a region, unless it is written already.
+    ///
+    /// # Errors
+    /// [`Failure`] when the recording cannot be read, or a file cannot be written.
+    pub(super) fn reconstruct(
+        &self,
+        target: &Target<'_>,
+        writer: &ShardWriter,
+        region: &BrickBox,
+    ) -> Result<Option<RegionWork>, Failure> {
+        if target.has(writer, region) {
+            return Ok(None);
+        }
+        let reconstructor = self.sweep.reconstruct(region)?;
+        target.write(writer, reconstructor.volume(), Some(region))?;
+        Ok(Some(RegionWork::of(&reconstructor)))
+    }
+
+    /// Returns the mean number of regions that a slice meets.
+    pub(crate) fn meetings_per_slice(&self) -> f64 {
+        self.meetings as f64 / self.sweep.slices.len().max(1) as f64
+    }
+
+    /// Returns the report of the plan's command, as a JSON document.
+    ///
+    /// # Errors
+    /// [`Failure`] when it has no JSON form.
+    pub(crate) fn document(&self) -> Result<String, Failure> {
+        document(&self.report)
+    }
+
+    /// Returns the number of slices that meet each region.
+    pub(crate) fn slices(&self) -> Vec<usize> {
+        let meets = |region: &BrickBox| {
+            self.sweep.slices.iter().filter(|slice| !slice.entered.bricks.within(region).is_empty()).count()
+        };
+        self.regions.iter().map(meets).collect()
+    }
+}
