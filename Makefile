@@ -2,7 +2,7 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny book fresh-machine
+	release-test deny book fresh-machine sync-cost render-parts
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -70,6 +70,7 @@ soak: setup
 NUMBERS = cargo run --quiet --locked -p sonoweave-checks --bin numbers --
 INSERTION = crates/core,crates/simd,crates/mask,crates/volume,crates/reconstruct,benches/reconstruct
 RENDERING = $(INSERTION),crates/render,benches/render
+RECORDING = crates/core,crates/formats,drivers/benches/session.rs
 SESSION = src,crates,drivers,calibration
 
 # Measures run times. Every timed run checks its answer. QUICK=--quick is a smoke test.
@@ -80,12 +81,30 @@ bench: setup
 	cargo bench --locked --bench render -- $(QUICK)
 	$(NUMBERS) record render out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)
 	$(NUMBERS) record vtk out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)
+	$(NUMBERS) record render-parts out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" \
+		--sources $(RENDERING)
 	cargo bench --locked -p sonoweave-calibration --bench dots
 	cargo bench --locked -p sonoweave-drivers --bench decoders
 	cargo bench --locked -p sonoweave-drivers --bench pixels
 	cargo bench --locked -p sonoweave-drivers --bench latency
-	cargo bench --locked -p sonoweave-drivers --bench session
+	cargo bench --locked -p sonoweave-drivers --bench session -- $(QUICK)
+	$(NUMBERS) record sync-cost out/bench/$(if $(QUICK),quick-)session/figures.json --command "make bench" \
+		--sources $(RECORDING)
 	cargo bench --locked -p sonoweave-drivers --bench images
+
+# Measures the time that syncs take from the writer of a recording. Nothing else should run
+# meanwhile.
+sync-cost: setup
+	cargo bench --locked -p sonoweave-drivers --bench session -- --syncs $(QUICK)
+	$(NUMBERS) record sync-cost out/bench/$(if $(QUICK),quick-)session/figures.json --command "make sync-cost" \
+		--sources $(RECORDING)
+
+# Measures pictures that are rendered in parts of the volume beside pictures without parts: the rule
+# by which a picture is cut. Nothing else should run meanwhile.
+render-parts: setup
+	cargo bench --locked --bench render -- --parts $(QUICK)
+	$(NUMBERS) record render-parts out/bench/$(if $(QUICK),quick-)render-parts/figures.json \
+		--command "make render-parts" --sources $(RENDERING)
 
 # Makes the book of the pages in docs: out/book. The checks of `make style` hold its links, commands
 # and messages.

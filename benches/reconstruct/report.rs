@@ -147,12 +147,13 @@ impl Table {
         text
     }
 
-    /// Adds the numbers by their names: the table's, the row's texts, and the column's. Columns of
-    /// quantiles are the spread of the column `median`.
+    /// Adds the numbers by their names: the table's, the row's texts, threads and parts, and the
+    /// column's. Columns of quantiles are the spread of the column `median`.
     fn figures(&self, rounds: usize, figures: &mut Map<String, Value>) {
         for row in &self.rows {
             let cells = || self.columns.iter().copied().zip(row);
-            let names = cells().take_while(|(column, cell)| matches!(cell, Cell::Text(_)) || *column == "threads");
+            let names = cells()
+                .take_while(|(column, cell)| matches!(cell, Cell::Text(_)) || ["threads", "parts"].contains(column));
             let texts: Vec<String> = names.map(|(_, cell)| cell.shown()).collect();
             let name = |column: &str| format!("{}/{}/{column}", self.id, texts.join("/"));
             let mut median = Map::from_iter([("rounds".to_owned(), rounds.into())]);

@@ -52,26 +52,29 @@ struct Effort {
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { cases: CASES.len(), rounds: 5, sides: 6, quick: false, only_parts: false };
-    let mut folder = "out/bench/render";
+    let (mut quick, mut only_parts) = (false, false);
     for argument in std::env::args().skip(1) {
         match argument.as_str() {
             // Cargo passes this to every bench.
             "--bench" => {}
-            "--quick" => {
-                effort = Effort { cases: 1, rounds: 1, sides: 1, quick: true, only_parts: false };
-                folder = "out/bench/quick-render";
-            }
-            "--parts" => {
-                effort.only_parts = true;
-                folder = "out/bench/parts";
-            }
+            "--quick" => quick = true,
+            "--parts" => only_parts = true,
             other => {
                 eprintln!("unknown argument {other}; this bench takes --quick, --parts or nothing");
                 return ExitCode::from(2);
             }
         }
     }
+    let effort = match quick {
+        true => Effort { cases: 1, rounds: 1, sides: 1, quick, only_parts },
+        false => Effort { cases: CASES.len(), rounds: 5, sides: 6, quick, only_parts },
+    };
+    let folder = match (quick, only_parts) {
+        (false, false) => "out/bench/render",
+        (true, false) => "out/bench/quick-render",
+        (false, true) => "out/bench/render-parts",
+        (true, true) => "out/bench/quick-render-parts",
+    };
     match run(effort, &Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
@@ -106,6 +109,5 @@ fn run(Effort { cases, rounds, sides, quick, only_parts }: Effort, folder: &Path
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let machine = json!({ "cores": cores, "simd": Simd::detect().name(), "load_average_after": load.trim() });
-    // Figures of parts alone are no whole run.
-    report.finish(machine, folder, quick || only_parts, rounds)
+    report.finish(machine, folder, quick, rounds)
 }

@@ -1,5 +1,5 @@
 //! Times pictures in parts of the world beside pictures of the same threads without parts: the
-//! measurement behind [`render::partition::choice`].
+//! measurement behind [`render::partition::choice`], and its record in `docs/numbers`.
 
 use std::error::Error;
 use std::time::Instant;
@@ -32,7 +32,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
         "threads",
         "parts",
         "median, ms",
-        "times that without parts: median",
+        "× without parts",
         "lower quartile",
         "upper quartile",
         "processor, ms",
@@ -57,7 +57,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     for cache in [Cache::OneLevel, Cache::TwoLevel] {
         let settings = RenderSettings { cache, ..ready.view_settings.clone() };
         let what = format!("each slice, {}", cache.name());
-        compare(&what, &settings, rounds.div_ceil(2), &mut table, report, |settings| {
+        compare(&what, &settings, rounds, &mut table, report, |settings| {
             let (mut reconstructor, mut renderer) = (ready.reconstructor()?, Renderer::new(settings, ready.region)?);
             let mut ms = Vec::new();
             for slice in &ready.slices {
@@ -118,7 +118,8 @@ fn compare(
         let work = measured.work;
         let mut row = vec![Cell::text(what), Cell::count(threads as u64), Cell::count(u64::from(parts))];
         row.push(Cell::Number(times[n].median(), 2));
-        row.extend([middle, low, high].map(|ratio| Cell::Number(ratio, 2)));
+        row.push(Cell::spread([low, middle, high], 2));
+        row.extend([low, high].map(|ratio| Cell::Number(ratio, 2)));
         row.push(Cell::Number(measured.processor_ms / measured.runs as f64, 1));
         row.extend([work.bricks_read, work.voxels_shaded, work.rays, work.samples].map(Cell::count));
         row.push(Cell::text(if measured.others { "NO" } else { "yes" }));

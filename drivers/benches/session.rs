@@ -1,13 +1,15 @@
 //! Measures writing and reading of a session: `make bench`, or
-//! `cargo bench -p sonoweave-drivers --bench session -- [--quick]`.
+//! `cargo bench -p sonoweave-drivers --bench session -- [--quick] [--syncs]`.
 //!
 //! Frames of 640×480, mixed with poses, pass through the writer into a file as in live use, and
 //! back through the reader, each on one core. The bench prints frames and plain megabytes per
 //! second of the thread's own time, which other processes hardly affect. It also prints the
 //! compression ratio, and the share of a core used at 60 frames per second.
 //!
-//! Then it writes in real time, with and without syncs. It prints the time that the writer takes
-//! for a frame; the next message waits so long in the recorder's queue.
+//! Then it writes in real time, in alternating rounds with and without syncs; `--syncs` does only
+//! this. It prints the time that the writer takes for a frame. The next message waits so long in
+//! the recorder's queue, whose room is for 4096: the thread that captures waits for none.
+//! `out/bench/session/figures.json` has these times, for the records of `docs/numbers`.
 //!
 //! Test images: painted speckle in a fan; noise alone, which is incompressible; and recordings
 //! if present (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file remains as
@@ -21,6 +23,7 @@ use std::sync::Arc;
 
 use drivers::replay::{Replay, SequenceSettings, SessionReplay, SessionSettings};
 use formats::session::{Crop, SessionWriter, WriterOptions};
+use serde_json::json;
 use sonoweave_core::clock::{Clock, Monotonic, SECOND};
 use sonoweave_core::reading::{Counts, Frame, PixelType, Pose, Raw, Reading, Stamp, Status};
 use sonoweave_core::{Description, Device, NO_DEADLINE, Next};
@@ -30,11 +33,21 @@ const SIZE: [u32; 2] = [640, 480];
 const RATE: f64 = 60.0;
 const GOAL: f64 = 0.10;
 
+/// Rounds in real time, with and without syncs, and frames of each.
+const ROUNDS: u32 = 5;
+const ROUND_FRAMES: u64 = 600;
+
 fn main() -> Result<ExitCode, Box<dyn Error>> {
-    let quick = std::env::args().any(|argument| argument == "--quick");
+    let [quick, only_syncs] = ["--quick", "--syncs"].map(|flag| std::env::args().any(|argument| argument == flag));
     let frames = if quick { 120 } else { 1200 };
-    println!("pictures          written: frames/s   MB/s   core at 60 Hz   smaller by   read: frames/s   MB/s");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../out");
+    std::fs::create_dir_all(&folder)?;
     let mut scenes = vec![("noise", vec![noise(1), noise(2)]), ("painted", (0..8).map(painted).collect())];
+    if only_syncs {
+        compare_syncs(quick, &scenes, &folder)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    println!("pictures          written: frames/s   MB/s   core at 60 Hz   smaller by   read: frames/s   MB/s");
     for (name, file) in [
         ("water tank", "latency/WaterTankBottomTranslationVideoBuffer.igs.mha"),
         ("curvilinear", "formats/UltrasonixCurvilinearScanConvertedData.igs.mha"),
@@ -45,28 +58,64 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
             None => println!("{name:12}      is not there"),
         }
     }
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../out");
-    std::fs::create_dir_all(&folder)?;
     let kept = folder.join("session-bench.mcap");
     let mut right = true;
     for (name, pictures) in &scenes {
         right &= measure(name, pictures, frames, &kept)?;
     }
-    println!("\nin real time, ms  frame: median   99 %   most   unsynced at most");
-    for syncs in [false, true] {
-        paced(syncs, &scenes[0].1, frames / 2, &folder)?;
-    }
+    compare_syncs(quick, &scenes[..2], &folder)?;
     Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
+/// Times of frames in real time, ms.
+#[derive(Default)]
+struct Paced {
+    taken_ms: Vec<f64>,
+    unsynced_ms: f64,
+}
+
+/// Writes each scene with and without syncs in turns, prints the times, and writes the figures.
+fn compare_syncs(quick: bool, scenes: &[(&str, Vec<Arc<[u8]>>)], folder: &Path) -> Result<(), Box<dyn Error>> {
+    let (rounds, frames) = if quick { (1, 60) } else { (ROUNDS, ROUND_FRAMES) };
+    let mut figures = serde_json::Map::new();
+    println!("\nin real time, ms          a frame: median   99 %   most   unsynced at most");
+    for (scene, pictures) in scenes {
+        let mut both = [Paced::default(), Paced::default()];
+        for round in 0..2 * rounds {
+            // Both begin in turns.
+            let syncs = (round / 2 + round) % 2 == 1;
+            paced(syncs, pictures, frames, folder, &mut both[usize::from(syncs)])?;
+        }
+        for (way, Paced { mut taken_ms, unsynced_ms }) in ["not synced", "synced"].into_iter().zip(both) {
+            taken_ms.sort_by(f64::total_cmp);
+            let at = |share: f64| taken_ms[((taken_ms.len() - 1) as f64 * share) as usize];
+            let [median, p99, most] = [0.5, 0.99, 1.0].map(at);
+            println!("{scene:10} {way:12}            {median:6.2} {p99:6.2} {most:6.2}   {unsynced_ms:16.0}");
+            let spread = json!({ "median": median, "p99": p99, "most": most, "rounds": rounds });
+            figures.insert(format!("{scene}/{way}/frame, ms"), spread);
+            figures.insert(format!("{scene}/{way}/unsynced at most, ms"), json!(unsynced_ms));
+        }
+    }
+    let folder = folder.join("bench").join(if quick { "quick-session" } else { "session" });
+    std::fs::create_dir_all(&folder)?;
+    let run = json!({ "quick": quick, "figures": figures });
+    Ok(std::fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?)
+}
+
 /// Writes frames at their rate, with a thread that syncs them or without.
-fn paced(syncs: bool, pictures: &[Arc<[u8]>], frames: u64, folder: &Path) -> Result<(), Box<dyn Error>> {
+fn paced(
+    syncs: bool,
+    pictures: &[Arc<[u8]>],
+    frames: u64,
+    folder: &Path,
+    into: &mut Paced,
+) -> Result<(), Box<dyn Error>> {
     let folder = tempfile::tempdir_in(folder)?;
     let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a bench"))?;
     let grabber = session.device("grabber", None, &Description::default(), None)?;
     let syncer = session.syncer();
     let thread = syncs.then(|| std::thread::spawn(move || syncer.run()));
-    let (begin_ns, mut taken_ms, mut unsynced_ns) = (Monotonic.now_ns(), Vec::new(), 0);
+    let (begin_ns, taken_ms, mut unsynced_ns) = (Monotonic.now_ns(), &mut into.taken_ms, 0);
     for item in 0..frames {
         let at_ns = begin_ns + (item as f64 / RATE * 1e9) as i64;
         Monotonic.wait_until(at_ns);
@@ -78,16 +127,7 @@ fn paced(syncs: bool, pictures: &[Arc<[u8]>], frames: u64, folder: &Path) -> Res
     }
     session.finish(Monotonic.now_ns())?;
     thread.map(|thread| thread.join().map_err(|_| "the syncing thread has panicked")).transpose()?;
-    taken_ms.sort_by(f64::total_cmp);
-    let at = |share: f64| taken_ms[((taken_ms.len() - 1) as f64 * share) as usize];
-    println!(
-        "{:12}             {:6.2} {:6.2} {:6.2}   {:16.0}",
-        if syncs { "synced" } else { "not synced" },
-        at(0.5),
-        at(0.99),
-        at(1.0),
-        unsynced_ns as f64 * 1e-6
-    );
+    into.unsynced_ms = into.unsynced_ms.max(unsynced_ns as f64 * 1e-6);
     Ok(())
 }
 

@@ -111,10 +111,11 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let grabber: Box<dyn Device> = match &hand {
         Some((hand, VirtualBedside { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
             let (size, orientation) = (scan.settings().image_size, bedside.grabber.settings.orientation);
-            let (pictures, prepared_bytes) = match *painted {
+            let (pictures, painted_bytes) = match *painted {
                 true => (hand.painted(), u64::from(scan.frames()) * u64::from(size[0]) * u64::from(size[1])),
                 false => (hand.pictures(), 0),
             };
+            let prepared_bytes = hand.table_bytes() + painted_bytes;
             let pictures = lying(pictures, size, orientation);
             let clock = Arc::clone(&clock);
             let mut grabber = Grabber::new(pictures, bedside.grabber.turned(size), *rate_hz, *faults, clock)?;

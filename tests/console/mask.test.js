@@ -12,7 +12,7 @@ import { OUT, PAGE } from "./place.js";
 import { Session } from "./session.js";
 
 cpSync(PAGE, join(OUT, "page"), { recursive: true });
-const { first, handles, kind, moved, outline } = await import(pathToFileURL(join(OUT, "page", "mask_shape.js")).href);
+const { apart, first, handles, kind, moved, outline } = await import(pathToFileURL(join(OUT, "page", "mask_shape.js")).href);
 
 const button = (page, name) => page.getByRole("button", { name, exact: true });
 const until = (page, is, ...with_) => page.waitForFunction(is, with_);
@@ -43,6 +43,17 @@ test("outlines and handles lie on the edges", () => {
   assert.deepEqual([RECTANGLE, FAN].map((shape) => handles(shape).length), [4, 5]);
   assert.deepEqual(first("rectangle", SIZE).rectangle, { x: 0, y: 0, width: 640, height: 480 });
   assert.equal(kind(first("fan", SIZE)), "fan");
+});
+
+test("handles lie within the picture and apart, those beyond it beside the others", () => {
+  const size = [300, 200];
+  assert.deepEqual(apart([[150, 90], [10, 190]], size, 10), [[150, 90], [10, 190]]);
+  assert.deepEqual(apart([[150, -60], [150, 20], [150, 250]], size, 10), [[174, 10], [150, 20], [150, 190]]);
+  const crowd = apart(Array(5).fill([299, 199]), size, 10);
+  crowd.forEach(([x, y], n) => {
+    assert.ok(x >= 10 && x <= 290 && y === 190);
+    crowd.slice(n + 1).forEach(([u]) => assert.ok(Math.abs(x - u) > 20, JSON.stringify(crowd)));
+  });
 });
 
 // A session that looks for its mask, on a page that shows its card, once it is found.
@@ -106,6 +117,45 @@ test("a fan that was found is dragged by its near arc, and used", async () => {
   await button(page, "Use this").click();
   await until(page, ([near]) => window.sonoweave.account.mask.origin === "operator" && window.sonoweave.account.mask.shape.fan?.radii_px[0] === near, draft.fan.radii_px[0]);
   assert.match(await page.locator("#mask-config").innerText(), /^clip_px = "none"\nfan = \{ origin_px = /);
+  assert.deepEqual(complaints, []);
+  await session.end();
+});
+
+// Names of handles, and the element that a pointer meets at the middle of each.
+async function met(page) {
+  await page.locator("#slice-room").scrollIntoViewIfNeeded();
+  // The picture has its final size two frames after the card has left it.
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  return page.evaluate(() =>
+    [...document.querySelectorAll("#mask-outline circle")].map((circle) => {
+      const { x, y, width, height } = circle.getBoundingClientRect();
+      const at = document.elementFromPoint(x + width / 2, y + height / 2);
+      return [circle.dataset.handle, at?.dataset?.handle ?? at?.id ?? String(at)];
+    }),
+  );
+}
+
+test("each handle of a fan and a rectangle is reached by a pointer, on every screen", async () => {
+  const { session, page, complaints } = await found();
+  const screens = [
+    [1280, 800],
+    [1920, 1080],
+    [390, 844],
+  ];
+  for (const [width, height] of screens) {
+    await page.setViewportSize({ width, height });
+    await button(page, "Adjust").click();
+    // The fan that was found, and the shapes that the choice begins with.
+    for (const [kind, count] of [["found", 5], ["rectangle", 4], ["fan", 5]]) {
+      if (kind !== "found") await page.locator("#mask-kind").selectOption(kind);
+      const reached = await met(page);
+      await shot(page, `mask-${kind}-${width}`);
+      assert.equal(reached.length, count);
+      for (const [name, at] of reached) assert.equal(at, name, `${kind} at ${width}×${height}`);
+    }
+    await button(page, "Adjust").click();
+    assert.equal(await page.locator("#mask-says").isVisible(), true);
+  }
   assert.deepEqual(complaints, []);
   await session.end();
 });

@@ -43,7 +43,8 @@ pub trait Device: Send {
         Err(Error::NoAxes(self.describe().name.clone()))
     }
 
-    /// Returns the memory of frames that a virtual device rendered beforehand, bytes.
+    /// Returns the memory of a virtual device's tables, and of frames that it rendered beforehand,
+    /// bytes.
     fn prepared_bytes(&self) -> u64 {
         0
     }

@@ -148,6 +148,11 @@ impl Bedside {
         })
     }
 
+    /// Returns the memory of the scanner's tables, bytes.
+    pub fn table_bytes(&self) -> u64 {
+        self.scan.bmode().map_or(0, BMode::bytes)
+    }
+
     /// Returns the frames for a virtual grabber: the B-mode image at each time.
     pub fn pictures(self: &Arc<Self>) -> Pictures {
         let bedside = Arc::clone(self);

@@ -50,7 +50,7 @@ pub struct Grabber {
     rate_hz: f64,
     /// Orientation of its frames that it reports; none by default.
     pub orientation: &'static str,
-    /// Memory of frames that were rendered beforehand, bytes; 0 by default.
+    /// Memory of tables, and of frames that were rendered beforehand, bytes; 0 by default.
     pub prepared_bytes: u64,
     faults: Faults,
     random: fastrand::Rng,

@@ -3,7 +3,7 @@
 // whole frame, or moves its edges by handles.
 
 import { write } from "./account.js";
-import { first, handles, kind, moved, outline } from "./mask_shape.js";
+import { apart, first, handles, kind, moved, outline } from "./mask_shape.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const ORIGINS = {
@@ -12,6 +12,8 @@ const ORIGINS = {
   confirmed: "confirmed",
   operator: "chosen by hand",
 };
+// Radius of a handle, CSS pixels.
+const RADIUS = 10;
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 export class MaskCard {
@@ -80,18 +82,19 @@ export class MaskCard {
 
   #show() {
     const mask = this.#mask;
+    const may = mask !== null && this.#steers && this.#runs;
+    if (!may) this.#draft = null;
     this.#of("mask-card").hidden = mask === null;
+    this.#of("mask-place").classList.toggle("adjusts", this.#draft !== null);
     this.#of("mask-outline").toggleAttribute("hidden", mask === null);
     if (mask === null) return this.#draw();
-    const may = this.#steers && this.#runs;
-    if (!may) this.#draft = null;
     write(this.#of("mask-vital"), `Mask: ${ORIGINS[mask.origin]}`);
     write(this.#of("mask-says"), mask.says);
     write(this.#of("mask-config"), mask.config ?? "");
     this.#of("mask-keys").hidden = mask.config === null;
     this.#of("mask-card").dataset.how = mask.origin === "found" ? "heed" : "well";
     for (const id of ["mask-confirm", "mask-whole", "mask-adjust"]) this.#of(id).disabled = !may;
-    this.#of("mask-confirm").hidden = mask.origin !== "found";
+    this.#of("mask-confirm").hidden = mask.origin !== "found" || this.#draft !== null;
     this.#of("mask-adjust").setAttribute("aria-pressed", String(this.#draft !== null));
     this.#of("mask-edit").hidden = this.#draft === null;
     if (this.#draft) this.#of("mask-kind").value = kind(this.#draft);
@@ -117,10 +120,11 @@ export class MaskCard {
     const onPage = ([u, v]) => [(u + 0.5) * scale[0], (v + 0.5) * scale[1]];
     const points = outline(this.#draft ?? this.#mask.shape).map(onPage);
     if (points.length > 0) this.#element("polygon", { points: points.map((point) => point.map((x) => x.toFixed(1)).join(",")).join(" "), class: this.#draft ? "draft" : "" });
-    for (const { name, label, at, value } of this.#draft ? handles(this.#draft) : []) {
-      // A handle beyond the picture, such as an apex above it, waits at its border.
-      const [x, y] = onPage(at).map((x, axis) => Math.min(Math.max(x, 10), size[axis] - 10));
-      const circle = this.#element("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 10, tabindex: 0, role: "slider", "aria-label": label, "aria-valuenow": value, "data-handle": name });
+    const grips = this.#draft ? handles(this.#draft) : [];
+    const places = apart(grips.map(({ at }) => onPage(at)), size, RADIUS);
+    for (const [n, { name, label, value }] of grips.entries()) {
+      const [x, y] = places[n];
+      const circle = this.#element("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: RADIUS, tabindex: 0, role: "slider", "aria-label": label, "aria-valuenow": value, "data-handle": name });
       if (name === focused) circle.focus();
     }
   }

@@ -63,6 +63,23 @@ export function handles(shape) {
   ];
 }
 
+/// Returns the places of handles of this radius at these points of a picture of this size, all in
+/// CSS pixels: within the picture, and apart, so that a pointer meets each. Those of points beyond
+/// the picture, such as an apex above it, wait at its border, and give way to others.
+export function apart(points, size, radius) {
+  const places = points.map((point) => point.map((x, axis) => clamp(x, radius, size[axis] - radius)));
+  const away = (n) => Math.hypot(...points[n].map((x, axis) => x - places[n][axis]));
+  const placed = [];
+  for (const n of [...points.keys()].sort((a, b) => away(a) - away(b))) {
+    const [x, y] = places[n];
+    const beside = [0, 1, -1, 2, -2, 3, -3, 4, -4].map((steps) => [clamp(x + steps * (2 * radius + 4), radius, size[0] - radius), y]);
+    const isFree = ([u, v]) => placed.every((m) => Math.hypot(u - places[m][0], v - places[m][1]) > 2 * radius);
+    places[n] = beside.find(isFree) ?? [x, y];
+    placed.push(n);
+  }
+  return places;
+}
+
 /// Returns the shape with a handle moved by [du, dv] in a frame of this size.
 export function moved(shape, name, [du, dv], [width, height]) {
   if (shape.rectangle) {

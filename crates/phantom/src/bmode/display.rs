@@ -39,6 +39,12 @@ struct Node {
 }
 
 impl Display {
+    /// Returns the memory of the tables, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        let noise: usize = self.noise.iter().map(|part| size_of_val(&**part)).sum();
+        noise + size_of_val(&*self.at_one) + size_of_val(&*self.runs) + size_of_val(&*self.nodes)
+    }
+
     pub(super) fn new(scanner: &Scanner, layout: &Layout, mask: &Mask) -> Self {
         let per_db = 255.0 / scanner.dynamic_range_db;
         // A decibel is a tenth of a power of ten.

@@ -203,6 +203,11 @@ pub(super) struct Ringing {
 }
 
 impl Ringing {
+    /// Returns the memory of the table, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&*self.re) + size_of_val(&*self.im)
+    }
+
     pub(super) fn new(scanner: &Scanner, layout: &Layout, spread: &Spread) -> Self {
         let key = hash::key(scanner.seed, 3);
         let (mut re, mut im) = (Vec::new(), Vec::new());

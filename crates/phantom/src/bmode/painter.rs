@@ -88,6 +88,14 @@ impl BMode {
         })
     }
 
+    /// Returns the memory of its tables and of a workspace, bytes.
+    pub fn bytes(&self) -> u64 {
+        let Layout { rows, columns, .. } = self.layout;
+        // A workspace has the raster's real and imaginary parts, and powers.
+        let workspace = 3 * rows * columns * size_of::<f32>() + size_of::<Batch>();
+        (self.display.bytes() + self.ringing.bytes() + workspace) as u64
+    }
+
     /// Returns the scanner.
     pub fn scanner(&self) -> &Scanner {
         &self.scanner

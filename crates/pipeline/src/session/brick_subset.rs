@@ -53,6 +53,11 @@ impl BrickSubset {
     pub(super) fn len(&self) -> usize {
         self.leaves.len()
     }
+
+    /// Returns the memory of the copies, bytes.
+    pub(super) fn bytes(&self) -> u64 {
+        (self.leaves.len() * size_of::<BrickCopy>()) as u64
+    }
 }
 
 impl Values for BrickSubset {

@@ -68,7 +68,9 @@ impl EndedSession<'_> {
                 });
             }
             if let Some(plane_viewer) = &self.session.plane_viewer {
-                spawn(scope, "sections", (&policy, Role::Usual), move || plane_viewer::run(shared, &**plane_viewer));
+                spawn(scope, "sections", (&policy, Role::Usual), move || {
+                    plane_viewer::run(shared, &**plane_viewer, None)
+                });
             }
             for reader in &self.session.readers {
                 spawn(scope, "reader", (&policy, Role::Usual), move || reader::run(shared, &**reader));

@@ -18,6 +18,7 @@ use volume::read::Values as _;
 use super::brick_subset::{BrickCopy, BrickSubset, Known, PlaneFootprint};
 use super::changes::Changes;
 use super::shared_volume::{FirstSlice, Shared, SharedVolume};
+use super::status::StatusCollector;
 
 /// Interval at which the thread checks for a viewer.
 const IDLE: Duration = Duration::from_millis(50);
@@ -129,8 +130,14 @@ struct Planes {
     work: PlaneWork,
 }
 
-/// Shows planes until no slice follows; then their final state, if there is a viewer.
-pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer) {
+/// Shows planes until no slice follows; then their final state, if there is a viewer. `status`
+/// receives the memory of their data.
+pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer, status: Option<&StatusCollector>) {
+    let holds = |bytes: u64| {
+        if let Some(status) = status {
+            status.lock().memory.plane_bytes = bytes;
+        }
+    };
     let mut planes: Option<Planes> = None;
     let mut work = PlaneWork::default();
     loop {
@@ -139,6 +146,7 @@ pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer) {
             let planes = planes.get_or_insert_with(|| Planes { work, ..Planes::default() });
             let ended = planes.turn(shared, viewer);
             work = planes.work;
+            holds(planes.bytes());
             if ended {
                 return;
             }
@@ -151,6 +159,7 @@ pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer) {
         let ended = state.ended;
         drop(state);
         planes = None;
+        holds(0);
         if ended {
             return;
         }
@@ -196,6 +205,12 @@ fn read_state(shared: &Shared) -> VolumeState {
 }
 
 impl Planes {
+    /// Returns the memory of the copied bricks and of the planes, bytes.
+    fn bytes(&self) -> u64 {
+        let sampled: usize = self.shown.values().map(|plane| size_of_val(&*plane.sampled)).sum();
+        self.subset.bytes() + sampled as u64
+    }
+
     /// Shows the planes that are due; returns whether no slice follows.
     fn turn(&mut self, shared: &Shared, viewer: &dyn PlaneViewer) -> bool {
         let state = read_state(shared);

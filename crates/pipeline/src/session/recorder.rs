@@ -28,6 +28,7 @@ use sonoweave_core::reading::Frame;
 use sonoweave_core::{Description, Reading};
 use sync::ingest::stored_rect;
 
+use super::memory::places;
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RULES;
 use super::spawn::spawn;
@@ -155,6 +156,11 @@ impl Recorder {
         let (sender, receiver) = bounded(QUEUE);
         let lost = Arc::<Lost>::default();
         (Self { queue: Some(sender), lost: Arc::clone(&lost) }, Queue { entries: receiver, lost })
+    }
+
+    /// Returns the memory of its queue's places, bytes.
+    pub(super) fn place_bytes(&self) -> usize {
+        self.queue.as_ref().map_or(0, places)
     }
 
     fn give(&self, entry: Entry) {

@@ -17,6 +17,7 @@ use super::digest::{self, ResultDigest};
 use super::ended::EndedSession;
 use super::insertion_thread::{self, InsertMessage, Insertion};
 use super::losses::Losses;
+use super::memory::places;
 use super::pairing_thread::{Pairing, SliceSink};
 use super::priority::{Role, SchedulingPolicy};
 use super::recorded_decisions::RecordedDecisions;
@@ -189,6 +190,7 @@ impl Wiring<'_> {
         };
         let sequencer = EventSequencer::new(common, names.clone(), deliver.clone());
         let (slices, posed) = bounded(if matches!(opened, Opened::Sequence(_)) { READ_AHEAD } else { SLICES });
+        status.queue_places(recorder.place_bytes() + places(&deliver) + places(&slices));
         let feeding = match opened {
             Opened::Devices(devices) => {
                 Feeding::Devices(devices, session.pairing_stage(roles, common, SliceSink::OrDrop(slices))?)
@@ -227,7 +229,7 @@ impl Wiring<'_> {
                 spawn(scope, "reader", usual, move || reader::run(volume, &**reader));
             }
             if let Some(viewer) = session.plane_viewer.as_ref().filter(|_| is_last) {
-                spawn(scope, "sections", usual, move || plane_viewer::run(volume, &**viewer));
+                spawn(scope, "sections", usual, move || plane_viewer::run(volume, &**viewer, Some(common.status)));
             }
             let inserting = running.clone();
             let insert = spawn(scope, "insertion", (&*policy, Role::Insertion), move || {

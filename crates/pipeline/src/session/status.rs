@@ -2,7 +2,7 @@
 //! it, held only to count or to copy some kilobytes.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -173,6 +173,8 @@ pub(super) struct StatusCollector {
     recorded: Option<MaskSettings>,
     /// Bytes of a frame.
     frame_bytes: u64,
+    /// Memory of the queues' places.
+    place_bytes: AtomicU64,
 }
 
 impl StatusCollector {
@@ -207,6 +209,7 @@ impl StatusCollector {
             stuck_after_ns: AtomicI64::new(stuck_after_ns),
             recorded: None,
             frame_bytes: 0,
+            place_bytes: AtomicU64::new(0),
         }
     }
 
@@ -214,6 +217,11 @@ impl StatusCollector {
     pub(super) fn with_memory(self, frame_bytes: u64, prepared_bytes: u64) -> Self {
         self.lock().memory.prepared_bytes = prepared_bytes;
         Self { frame_bytes, ..self }
+    }
+
+    /// Adds a queue's own memory, bytes: its places, full or empty.
+    pub(super) fn queue_places(&self, bytes: usize) {
+        self.place_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
     /// Sets the part of frames that is recorded; `None` for all of it.
@@ -229,7 +237,8 @@ impl StatusCollector {
     pub(super) fn snapshot(&self) -> SessionStatus {
         let mut status = self.lock().clone();
         status.stages = self.turns.turns();
-        status.memory.queue_bytes = status.ledger.frames.waiting * self.frame_bytes;
+        status.memory.queue_bytes =
+            self.place_bytes.load(Ordering::Relaxed) + status.ledger.frames.waiting * self.frame_bytes;
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         for (device, last) in status.devices.iter_mut().zip(last.iter()) {
             device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());

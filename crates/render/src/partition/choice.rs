@@ -2,19 +2,9 @@
 //!
 //! Parts read, light and store their voxels side by side, of which a renderer without parts does
 //! some on one thread. For this, they light voxels near the cuts twice, keep a table of rays each,
-//! and cast rays that another part hides. Measured on two threads, as times of the renderer
-//! without parts (`cargo bench --bench render -- --parts`; 128×128×256 voxels, and quartiles):
-//!
-//! | picture | 2 parts | 3 parts | 4 parts |
-//! |---|---|---|---|
-//! | the whole volume in 32×32 pixels | 0.76 (0.75 to 0.78) | 0.86 | 0.96 |
-//! | in 128×128 pixels | 0.93 (0.88 to 1.02) | 0.93 | 1.2 |
-//! | in 256×256 pixels | 0.98 (0.93 to 0.99) | 1.1 | 1.2 |
-//! | in 512×512 pixels | 1.2 (1.2 to 1.4) | 1.5 | 1.5 |
-//! | after each of 90 slices, 256×256 pixels | 0.89 (0.86 to 0.89) | 1.1 | 0.94 |
-//! | after each of 90 slices by hand, 256³ voxels, 512×512 pixels | 1.6 (1.6 to 1.6) | 1.6 | 1.6 |
-//!
-//! Two parts take 11 to 15 % more processor time after a slice, and 39 % more in 512×512 pixels.
+//! and cast rays that another part hides. `make render-parts` measures this, and `docs/numbers.md`
+//! has the table: two parts gain where a picture is small beside its volume, and lose at 512×512
+//! pixels and after each slice of a freehand scan. More than two never gain more on two threads.
 //!
 //! A picture is therefore cut by itself only if it is small beside its volume, is drawn at once,
 //! and two threads render it. Other numbers of threads were not measured. One thread never gains.
@@ -28,8 +18,8 @@ use crate::settings::{Cache, RenderSettings};
 /// Threads for which parts were faster, and the number of parts.
 const THREADS: usize = 2;
 const PARTS: u32 = 2;
-/// Voxels of the render region a pixel from which parts were faster: 32×32 pixels of the volume
-/// in the table.
+/// Voxels of the render region a pixel from which parts were faster: 32×32 pixels of 128×128×256
+/// voxels.
 const VOXELS_PER_PIXEL: u64 = 4096;
 
 /// Returns the number of parts of a picture, 1 for none, and a note for the user if fewer are

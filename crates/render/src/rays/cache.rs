@@ -61,6 +61,10 @@ fn blocks_of(line: &Line, fold: Fold) -> (u32, usize) {
     (first, (end - first) as usize)
 }
 
+fn held<T>(vector: &Vec<T>) -> usize {
+    vector.capacity() * size_of::<T>()
+}
+
 /// Returns the bytes that a cache takes for some lines, without its tables.
 pub(crate) fn bytes<const C: usize>(kind: Cache, lines: &[Line], fold: Fold) -> u64 {
     let samples: u64 = lines.iter().map(|l| u64::from(l.end - l.first)).sum();
@@ -131,12 +135,10 @@ impl<const C: usize> RowCache<C> {
         [samples, if kind.keeps_blocks() { blocks } else { 0 }, blocks]
     }
 
+    /// Returns the memory that it holds. While a view turns, that is of the longest rays so far.
     pub(crate) fn bytes(&self) -> u64 {
-        (size_of_val(&*self.samples)
-            + size_of_val(&*self.samples_of)
-            + size_of_val(&*self.blocks)
-            + size_of_val(&*self.stale)
-            + size_of_val(&*self.blocks_of)) as u64
+        (held(&self.samples) + held(&self.samples_of) + held(&self.blocks) + held(&self.stale) + held(&self.blocks_of))
+            as u64
     }
 
     /// Returns the composited blocks, if they are kept.
