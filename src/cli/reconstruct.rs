@@ -1,10 +1,10 @@
 //! `sonoweave reconstruct`: reconstructs a recorded sweep into a volume.
 
-mod batch;
 mod beside;
 pub(super) mod filling;
 pub(super) mod flags;
 pub(super) mod one;
+mod several;
 mod weighing;
 
 use std::path::PathBuf;
@@ -58,6 +58,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             flags.beside.json.write_text(&document)
         }
         _ if *out_of_core => Err(Failure("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr".into())),
-        _ => batch::run(sequences, output, flags),
+        _ => several::run(sequences, output, flags),
     }
 }

@@ -5,7 +5,6 @@
 mod again;
 mod arm;
 mod arm_sessions;
-mod batch;
 mod calibrate;
 mod chain;
 mod commands;
@@ -40,6 +39,7 @@ mod results;
 mod sequence;
 mod sessions;
 mod settings;
+mod several;
 mod shell;
 mod targets;
 mod tracker;

@@ -7,7 +7,7 @@ use statistics::Statistics;
 use super::flags::Flags;
 use super::one::reconstruct;
 use crate::app::json::JsonFlag;
-use crate::app::reconstruct::batch::outputs;
+use crate::app::reconstruct::several::outputs;
 use crate::cli::Failure;
 
 /// Reconstructs each recording into a volume of its name in a folder. A failed recording does
