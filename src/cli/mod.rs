@@ -38,12 +38,13 @@ pub use config::values;
 use sonoweave_core::NOTICE;
 
 use crate::app::json::Json;
-pub use crate::failure::Failure;
+pub use crate::failure::{Failure, FailureKind, Reason};
 use log::LogFlags;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
 #[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110, after_help = NOTICE)]
+#[command(after_long_help = format!("{}\n{NOTICE}", exit_codes()))]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -76,6 +77,13 @@ impl Arguments {
         arguments.is_json = matches!(last.try_get_one::<Json>("json"), Ok(Some(Json::Stdout)));
         Ok(arguments)
     }
+}
+
+/// Describes the exit codes.
+fn exit_codes() -> String {
+    let line = |kind: FailureKind| format!("  {:<4} {}\n", kind.code(), kind.words());
+    let codes: String = FailureKind::ALL.map(line).concat();
+    format!("Exit codes:\n  0    success\n{codes}")
 }
 
 /// Returns the command line, with everything that clap adds to it. The subcommand `help` is
@@ -144,9 +152,9 @@ enum Command {
 pub fn main() -> ExitCode {
     match run(&Arguments::of_process()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure(sentence)) => {
+        Err(Failure(Reason { sentence, kind })) => {
             eprintln!("sonoweave: {sentence}");
-            ExitCode::FAILURE
+            ExitCode::from(kind.code())
         }
     }
 }
@@ -216,11 +224,12 @@ mod tests {
     fn failure_names_command_that_remedies_cause() {
         let damage = formats::session::Damage { from: 8, until: 20, what: "an incomplete chunk", is_loss: true };
         let damaged = formats::Error::Damaged { path: "s.mcap".into(), damage };
-        let Failure(text) = pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
+        let Failure(Reason { sentence: text, .. }) =
+            pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
         let expected = "repair the session by `sonoweave repair FILE -o OUT`, which lists the missing parts";
         assert!(text.ends_with(expected), "{text}");
         let foreign = formats::Error::NoSession { path: "s.mcap".into(), source: formats::NoSession::NoChunk };
-        let Failure(text) = drivers::Error::from(foreign).into();
+        let Failure(Reason { sentence: text, .. }) = drivers::Error::from(foreign).into();
         assert!(text.ends_with("give a recorded session"), "{text}");
     }
 }

@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside(), *out_of_core)?;
             flags.beside.json.write_text(&document)
         }
-        _ if *out_of_core => Err(Failure("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr".into())),
+        _ if *out_of_core => Err(Failure::usage("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr")),
         _ => several::run(sequences, output, flags),
     }
 }

@@ -16,6 +16,7 @@ mod devices;
 mod dicom;
 mod doctor;
 mod drawing;
+mod failures;
 mod filling;
 mod guided;
 mod igtl;

@@ -21,7 +21,7 @@ fn several_recordings_give_volumes_despite_one_failure() {
     place.put("bad.mha", "no header");
     std::fs::remove_file(place.path("out/a.mha")).unwrap();
     let run = place.run("reconstruct bad.mha a.igs.mha -o out --clip none --path general");
-    assert_eq!(run.code, 1);
+    assert_eq!(run.code, 10);
     assert!(run.stderr.contains("1 of 2 recordings failed"), "{}", run.stderr);
     assert!(run.stdout.contains("failed: bad.mha") && place.path("out/a.mha").is_file(), "{}", run.stdout);
     assert!(!place.path("out/bad.mha").exists());
