@@ -6,6 +6,7 @@
 //! - [`devices`]: a session's devices, opened; virtual devices for those that are not there.
 //! - [`service`]: a session's notifications to systemd.
 
+pub(crate) mod batch;
 pub mod calibrate;
 pub mod convert;
 pub mod devices;

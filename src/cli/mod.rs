@@ -4,6 +4,7 @@
 mod print;
 
 pub mod animate;
+pub mod batch;
 pub mod calibrate;
 pub mod compare;
 pub mod completions;
@@ -19,6 +20,7 @@ pub mod inspect;
 pub mod live;
 mod log;
 pub mod man;
+mod negative;
 pub mod phantom;
 mod progress;
 pub mod reconstruct;
@@ -37,9 +39,11 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use config::values;
 use sonoweave_core::NOTICE;
 
+use crate::app::batch::child;
 use crate::app::json::Json;
 pub use crate::failure::{Failure, FailureKind, Reason};
 use log::LogFlags;
+use negative::with_negative_numbers;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
@@ -94,20 +98,12 @@ pub fn command_line() -> clap::Command {
     command
 }
 
-/// Lets flags take negative numbers, so that a range is refused by its own sentence.
-fn with_negative_numbers(command: clap::Command) -> clap::Command {
-    let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
-    let command = command.mut_args(|flag| match flag.get_action().takes_values() && !flag.is_positional() {
-        true => flag.allow_negative_numbers(true),
-        false => flag,
-    });
-    names.iter().fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
-}
-
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Reconstruct a recorded sweep into a volume
     Reconstruct(Box<reconstruct::Arguments>),
+    /// Reconstruct many sweeps by a manifest, a process each
+    Batch(batch::Arguments),
     /// Render a volume
     Render(Box<render::Arguments>),
     /// Replay a recorded session as it ran live, or with another configuration
@@ -150,7 +146,9 @@ enum Command {
 /// exit code.
 #[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
 pub fn main() -> ExitCode {
-    match run(&Arguments::of_process()) {
+    let ran = child::begin().and_then(|()| run(&Arguments::of_process()));
+    child::end();
+    match ran {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(Reason { sentence, kind })) => {
             eprintln!("sonoweave: {sentence}");
@@ -172,6 +170,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
+        Command::Batch(arguments) => batch::run(arguments, quiet),
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments, quiet),
         Command::Animate(arguments) => animate::run(arguments),

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Failure;
+use crate::app::reconstruct::beside::Beside;
 use flags::Flags;
 use one::reconstruct;
 
@@ -44,6 +45,18 @@ pub struct Arguments {
     out_of_core: bool,
     #[command(flatten)]
     flags: Flags,
+}
+
+impl Arguments {
+    /// Checks the flags without reading the recording.
+    ///
+    /// # Errors
+    /// [`Failure`] when flags contradict each other or have wrong values.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        let [sequence] = &self.sequences[..] else { fail_usage!("several recordings; give one") };
+        let (request, _) = self.flags.request(sequence, Some(&self.output), Beside::default())?;
+        if self.out_of_core { request.check_regions() } else { Ok(()) }
+    }
 }
 
 /// Runs the command.

@@ -5,6 +5,8 @@
 mod again;
 mod arm;
 mod arm_sessions;
+mod batch;
+mod batch_kills;
 mod calibrate;
 mod chain;
 mod commands;
