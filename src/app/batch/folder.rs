@@ -1,5 +1,6 @@
 //! The folder of a batch.
 
+use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -8,6 +9,10 @@ use crate::failure::{Failure, FailureKind};
 
 /// File of the plan.
 pub(crate) const PLAN: &str = "plan.jsonl";
+/// Folder of the results.
+const SWEEPS: &str = "sweeps";
+/// Folder of the accounts of tries.
+const ATTEMPTS: &str = "attempts";
 
 /// The folder of a batch: `plan.jsonl`, `sweeps/ID/` with the results and `attempts/ID/` with the
 /// accounts of all tries.
@@ -26,9 +31,11 @@ impl RunFolder {
         std::fs::create_dir_all(path).map_err(|e| Failure::io(path, "making the folder", &e))?;
         let made = Self(path.canonicalize().map_err(|e| Failure::io(path, "making the folder", &e))?);
         owner::clean(path, false).map_err(|e| Failure::io(path, "removing files of a killed run", &e))?;
-        let mut entries = std::fs::read_dir(path).map_err(|e| Failure::io(path, "reading", &e))?;
-        if !made.plan().is_file() && entries.next().is_some() {
-            let sentence = format!("{}: holds files, but no plan; give a new folder", path.display());
+        let entries = std::fs::read_dir(path).map_err(|e| Failure::io(path, "reading", &e))?;
+        let is_ours = |name: &OsStr| [PLAN, SWEEPS, ATTEMPTS].iter().any(|ours| name == *ours);
+        // A workflow engine may have removed the plan, to have it made again.
+        if !made.plan().is_file() && entries.flatten().any(|entry| !is_ours(&entry.file_name())) {
+            let sentence = format!("{}: holds other files, and no plan; give a new folder", path.display());
             return Err(Failure::new(sentence).of(FailureKind::Output));
         }
         Ok(made)
@@ -60,12 +67,12 @@ impl RunFolder {
 
     /// Returns the folder of a sweep's results.
     pub(crate) fn sweep(&self, id: &str) -> PathBuf {
-        self.0.join("sweeps").join(id)
+        self.0.join(SWEEPS).join(id)
     }
 
     /// Returns the folder of the accounts of a sweep's tries.
     pub(crate) fn attempts(&self, id: &str) -> PathBuf {
-        self.0.join("attempts").join(id)
+        self.0.join(ATTEMPTS).join(id)
     }
 
     /// Removes what killed runs have left of a sweep; see [`owner::clean`].
@@ -103,6 +110,9 @@ mod tests {
         assert_eq!(RunFolder::open(&path).unwrap_err().0.kind, FailureKind::Input);
         folder.write(&folder.plan(), b"{}").unwrap();
         assert!(RunFolder::open(&path).is_ok() && RunFolder::create(&path).is_ok());
+        std::fs::create_dir_all(folder.sweep("a")).unwrap();
+        std::fs::remove_file(folder.plan()).unwrap();
+        assert!(RunFolder::create(&path).is_ok(), "a plan that was removed");
         std::fs::write(place.path().join("file"), "").unwrap();
         for wrong in [place.path().join("file"), place.path().to_owned()] {
             assert_eq!(RunFolder::create(&wrong).unwrap_err().0.kind, FailureKind::Output);
