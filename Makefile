@@ -132,7 +132,8 @@ peers:
 # nibabel find the same voxels at the same place. DICOM: dciodvfy finds no error, pydicom the same
 # voxels at the same place, and an Orthanc server on loopback returns what it received. OpenIGTLink:
 # the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of
-# MCAP and Foxglove's own classes find the same pictures and poses.
+# MCAP and Foxglove's own classes find the same pictures and poses. Batches: Snakemake runs the
+# example of the documents.
 interop:
 	@scripts/setup.sh interop
 	scripts/interop/environment.sh
@@ -140,6 +141,8 @@ interop:
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
 	scripts/interop/session.sh
+	scripts/interop/snakemake_environment.sh
+	scripts/interop/batch.sh
 
 # Tests the console's page in Debian's Chromium: it shows a session at the virtual bedside, steers
 # it, and loses and finds it again. Pictures of the page are in out/console-test.

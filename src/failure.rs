@@ -1,4 +1,6 @@
-//! The failure of a command, as a sentence for the user.
+//! The failure of a command: a sentence for the user, and its kind, which is the exit code.
+
+mod kind;
 
 use std::io;
 use std::path::Path;
@@ -11,13 +13,41 @@ use render::RenderError;
 use sync::NoPath;
 use volume::dense::DenseError;
 
-/// Reason why a command failed: a sentence for stderr, exit code 1.
+pub use kind::FailureKind;
+
+/// Failure of a command.
 #[derive(Debug)]
-pub struct Failure(pub String);
+pub struct Failure(pub Reason);
+
+/// Reason of a failure. A text is a reason of the kind [`FailureKind::Other`].
+#[derive(Debug)]
+pub struct Reason {
+    /// Sentence for stderr.
+    pub sentence: String,
+    /// Kind, which is the exit code.
+    pub kind: FailureKind,
+}
+
+impl From<String> for Reason {
+    fn from(sentence: String) -> Self {
+        Self { sentence, kind: FailureKind::Other }
+    }
+}
+
+impl From<&str> for Reason {
+    fn from(sentence: &str) -> Self {
+        sentence.to_owned().into()
+    }
+}
 
 /// Returns a failure from a function, with a formatted sentence.
 macro_rules! fail {
-    ($($sentence:tt)*) => { return Err($crate::failure::Failure(format!($($sentence)*))) };
+    ($($sentence:tt)*) => { return Err($crate::failure::Failure::new(format!($($sentence)*))) };
+}
+
+/// Returns a failure of usage from a function, with a formatted sentence on flags.
+macro_rules! fail_usage {
+    ($($sentence:tt)*) => { return Err($crate::failure::Failure::usage(format!($($sentence)*))) };
 }
 
 impl<E: std::error::Error + 'static> From<E> for Failure {
@@ -26,7 +56,7 @@ impl<E: std::error::Error + 'static> From<E> for Failure {
         let mut causes = std::iter::successors(Some(&error as &(dyn std::error::Error + 'static)), |e| e.source());
         let of_system = causes.find_map(|cause| cause.downcast_ref::<io::Error>());
         let system = of_system.filter(|cause| text.ends_with(&cause.to_string())).map_or("", system);
-        Self(format!("{text}{}{system}", remedy(&error)))
+        Self(Reason { sentence: format!("{text}{}{system}", remedy(&error)), kind: FailureKind::of(&error) })
     }
 }
 
@@ -93,7 +123,23 @@ fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
 impl Failure {
     /// Makes a failure of the system at a file; `doing` is the operation.
     pub(crate) fn io(path: &Path, doing: &str, error: &io::Error) -> Self {
-        Self(format!("{}: {doing} failed: {error}{}", path.display(), system(error)))
+        let sentence = format!("{}: {doing} failed: {error}{}", path.display(), system(error));
+        Self(Reason { sentence, kind: FailureKind::of_io(doing, error) })
+    }
+
+    /// Makes a failure by a sentence.
+    pub(crate) fn new(reason: impl Into<Reason>) -> Self {
+        Self(reason.into())
+    }
+
+    /// Makes a failure of flags.
+    pub(crate) fn usage(sentence: impl Into<Reason>) -> Self {
+        Self::new(sentence).of(FailureKind::Usage)
+    }
+
+    /// Changes the kind.
+    pub(crate) fn of(self, kind: FailureKind) -> Self {
+        Self(Reason { kind, ..self.0 })
     }
 
     /// Makes a failure to write to stdout.
@@ -105,7 +151,7 @@ impl Failure {
     pub(crate) fn flag(error: Error) -> Self {
         match error {
             Error::Setting { setting, problem } if !setting.is_empty() => {
-                Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-")))
+                Self::usage(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-")))
             }
             other => other.into(),
         }
@@ -123,7 +169,7 @@ impl Failure {
             Error::Uncalibrated { .. } => "; `sonoweave calibrate probe --live` measures it",
             _ => "",
         };
-        Self(format!("{error}{advice}"))
+        Self(Reason { sentence: format!("{error}{advice}"), kind: FailureKind::of(&error) })
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! - [`cli`]: the commands: flags, help, and everything printed.
 //! - [`app`]: the work of the commands: sessions, replays, calibrations, reconstruction, rendering.
-//! - [`Failure`]: the failure of a command, as a sentence for the user.
+//! - [`Failure`]: the failure of a command, with its sentence and its kind.
 
 #[macro_use]
 mod failure;
@@ -11,4 +11,4 @@ mod failure;
 pub mod app;
 pub mod cli;
 
-pub use failure::Failure;
+pub use failure::{Failure, FailureKind, Reason};

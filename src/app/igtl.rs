@@ -85,7 +85,7 @@ impl Sharing {
 /// Adds the flag that allows networks.
 fn refused(error: IgtlError) -> Failure {
     let flag = if matches!(error, IgtlError::NoNetwork { .. }) { "; --igtl-allow lists them, too" } else { "" };
-    Failure(format!("--igtl: {error}{flag}"))
+    Failure::new(format!("--igtl: {error}{flag}"))
 }
 
 impl IgtlServer {

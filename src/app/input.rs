@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use formats::image::Container;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureKind};
 
 /// Magic bytes of a session's file.
 const SESSION: &[u8] = b"\x89MCAP";
@@ -56,7 +56,7 @@ pub fn is_session(path: &Path) -> Result<bool, Failure> {
 pub fn check_output(path: &Path) -> Result<(), Failure> {
     check_folder(path)?;
     if path.exists() && !path.is_file() {
-        fail!("{}: exists and is not a file; give another name", path.display());
+        fail_usage!("{}: exists and is not a file; give another name", path.display());
     }
     Ok(())
 }
@@ -66,7 +66,7 @@ pub fn check_output(path: &Path) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] for an unknown format.
 pub fn check_volume(path: &Path) -> Result<(), Failure> {
-    let named = Container::of_volume(path).map_err(|why| Failure(format!("{}: {why}", path.display())));
+    let named = Container::of_volume(path).map_err(|why| Failure::usage(format!("{}: {why}", path.display())));
     named.map(|_| ())
 }
 
@@ -79,11 +79,12 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
     if folder.is_dir() {
         return Ok(());
     }
-    Err(Failure(format!(
+    Err(Failure::new(format!(
         "{}: the folder {} does not exist; make it, or give another name",
         path.display(),
         folder.display()
-    )))
+    ))
+    .of(FailureKind::Output))
 }
 
 /// Checks that an output is not an input.
@@ -92,7 +93,7 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
 /// [`Failure`] when it is.
 pub fn check_is_not(output: &Path, input: &Path) -> Result<(), Failure> {
     if output.canonicalize().ok().is_some_and(|path| input.canonicalize().ok() == Some(path)) {
-        fail!("{}: is the input; give another name", output.display());
+        fail_usage!("{}: is the input; give another name", output.display());
     }
     Ok(())
 }
@@ -113,7 +114,7 @@ pub fn check_png(path: &Path) -> Result<(), Failure> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         return Ok(());
     }
-    Err(Failure(format!("{}: pictures are PNG files; give a name that ends in .png", path.display())))
+    Err(Failure::usage(format!("{}: pictures are PNG files; give a name that ends in .png", path.display())))
 }
 
 /// Whether a path's name is that of a DICOM file.

@@ -6,6 +6,7 @@
 //! - [`devices`]: a session's devices, opened; virtual devices for those that are not there.
 //! - [`service`]: a session's notifications to systemd.
 
+pub(crate) mod batch;
 pub mod calibrate;
 pub mod convert;
 pub mod devices;
@@ -16,6 +17,7 @@ pub(crate) mod init;
 pub mod input;
 pub(crate) mod json;
 pub(crate) mod live;
+pub(crate) mod part;
 mod provenance;
 pub(crate) mod reconstruct;
 pub(crate) mod render;

@@ -1,9 +1,9 @@
 //! Recorded sweeps to volumes and their other outputs.
 
-pub(crate) mod batch;
 pub(crate) mod beside;
 pub(crate) mod filling;
 pub(crate) mod outputs;
 pub(crate) mod regions;
+pub(crate) mod several;
 pub(crate) mod sweep;
 pub(crate) mod zarr;

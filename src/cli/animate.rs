@@ -165,15 +165,15 @@ impl Arguments {
             let other =
                 [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
             if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
-                fail!("{flag}: applies to rays, and --mode slice has none; leave it out");
+                fail_usage!("{flag}: applies to rays, and --mode slice has none; leave it out");
             }
             if self.from == SourceName::Raw && self.look.planar.wants_weights() {
-                return Err(Failure(
-                    "--overlay weight: single slices have no weights; give --from volume, or --overlay coverage".into(),
+                return Err(Failure::usage(
+                    "--overlay weight: single slices have no weights; give --from volume, or --overlay coverage",
                 ));
             }
         } else if self.from == SourceName::Raw {
-            return Err(Failure("--from raw: applies to planes only; give --mode slice, or leave it out".into()));
+            return Err(Failure::usage("--from raw: applies to planes only; give --mode slice, or leave it out"));
         }
         Ok((look, series))
     }

@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let left = most.saturating_sub(a.bytes()).saturating_sub(Difference::bytes(a.header()));
     let b = dense(second, other_weights.as_deref(), left)?;
     let refused =
-        |why: String| Failure(format!("{} and {} cannot be compared: {why}", first.display(), second.display()));
+        |why: String| Failure::new(format!("{} and {} cannot be compared: {why}", first.display(), second.display()));
     let difference = Difference::of(&a, &b, arguments.resample).map_err(|apart| {
         let hint = if matches!(apart, Apart::Lattices(_)) {
             "; or give --resample, which interpolates the second"
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.json.write(&report)?;
     let rmse = difference.sums.rmse();
     match arguments.limit {
-        Some(limit) if rmse > limit || rmse.is_nan() => Err(Failure(format!(
+        Some(limit) if rmse > limit || rmse.is_nan() => Err(Failure::new(format!(
             "{} and {} are {rmse} apart (RMSE), more than --limit {limit}",
             first.display(),
             second.display()
@@ -70,7 +70,7 @@ impl Arguments {
     /// Refuses impossible requests before the work.
     fn check(&self) -> Result<(), Failure> {
         if let Some(limit) = self.limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
-            fail!("--limit {limit}: must be a number that is not negative");
+            fail_usage!("--limit {limit}: must be a number that is not negative");
         }
         let inputs = [Some(&self.first), Some(&self.second), self.weights.as_ref(), self.other_weights.as_ref()];
         let inputs = || inputs.into_iter().flatten().map(PathBuf::as_path);
@@ -84,7 +84,7 @@ impl Arguments {
     fn most_bytes(&self) -> Result<u64, Failure> {
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
+            fail_usage!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         Ok(most as u64)
     }

@@ -168,7 +168,7 @@ impl Arguments {
         } else if !session {
             let named = Container::of_sequence(&self.output);
             named.map_err(|why| {
-                Failure(format!(
+                Failure::new(format!(
                     "{}: {why}; give frame%04d.png or a folder for pictures, .mcap for a session",
                     self.output.display()
                 ))

@@ -120,7 +120,7 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
     }
     let most = max_memory * f64::from(1 << 30);
     if !(most > 0.0 && most.is_finite()) {
-        fail!("--max-memory {max_memory}: must be a positive number of GiB");
+        fail_usage!("--max-memory {max_memory}: must be a positive number of GiB");
     }
     let volume = DenseVolume::open(input, None, most as u64)?;
     let header = volume.header();
@@ -162,7 +162,7 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
 
 fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {
     let Arguments { input, output, .. } = arguments;
-    let within = |problem: String| Failure(format!("{}: {problem}", input.display()));
+    let within = |problem: String| Failure::new(format!("{}: {problem}", input.display()));
     let frames = arguments.frames.clone().unwrap_or(0..u64::MAX);
     let config = arguments.config.as_deref().map(|path| Config::read(path, None)).transpose()?.unwrap_or_default();
     let options = config.pairing_options(arguments.world.as_deref());
@@ -184,7 +184,7 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
                 Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
                     sweep
                         .add(picture.head.stamp.item, picture.head.time_ns, &picture.image)
-                        .map_err(|e| within(e.0))?;
+                        .map_err(|e| within(e.0.sentence))?;
                 }
                 Sample::Refused(refusal) if frames.contains(&refusal.item) => return Err(within(refusal.to_string())),
                 _ => {}
@@ -194,13 +194,13 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
         }
     }
     device.stop()?;
-    sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0))
+    sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0.sentence))
 }
 
 /// Adds the flag that helps to the error of a sweep's export.
 fn shorter(error: ExportError) -> Failure {
     let flag = if matches!(error, ExportError::DicomTooLarge { .. }) { ": --frames A..B" } else { "" };
-    Failure(format!("{error}{flag}"))
+    Failure::new(format!("{error}{flag}"))
 }
 
 /// Frames of a sweep, in order.

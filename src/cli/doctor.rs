@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.json.write(&findings)?;
     match findings.iter().filter(|finding| finding.verdict == Verdict::Problem).count() {
         0 => Ok(()),
-        1 => Err(Failure("one problem was found; see its line for what to do".into())),
-        n => Err(Failure(format!("{n} problems were found; see their lines for what to do"))),
+        1 => Err(Failure::new("one problem was found; see its line for what to do")),
+        n => Err(Failure::new(format!("{n} problems were found; see their lines for what to do"))),
     }
 }

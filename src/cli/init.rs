@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else if report.verdict().is_none() {
         print_line!("next: sonoweave live --config {}", output.display());
     }
-    report.verdict_but("calibration").map_or(Ok(()), |sentence| Err(Failure(sentence)))
+    report.verdict_but("calibration").map_or(Ok(()), |sentence| Err(Failure::new(sentence)))
 }
 
 /// Writes the file; an existing one is only replaced by `force`.
@@ -117,7 +117,11 @@ impl Arguments {
             None => asker.ask("--tracker", &models(), found.model())?,
         };
         if !trackers().contains(&tracker.as_str()) && !arms().contains(&tracker.as_str()) {
-            fail!("--tracker {tracker}: is unknown; give one of {}, {}", trackers().join(", "), arms().join(", "));
+            fail_usage!(
+                "--tracker {tracker}: is unknown; give one of {}, {}",
+                trackers().join(", "),
+                arms().join(", ")
+            );
         }
         let ports = match self.port.as_slice() {
             [] => {
@@ -136,7 +140,9 @@ impl Arguments {
                 let station = |text: &str| text.parse().ok().filter(|n| (1..=16).contains(n));
                 match answer.as_str() {
                     "" => None,
-                    text => Some(station(text).ok_or_else(|| Failure(format!("{text}: is no station; give 1 to 16")))?),
+                    text => Some(
+                        station(text).ok_or_else(|| Failure::new(format!("{text}: is no station; give 1 to 16")))?,
+                    ),
                 }
             }
             station => station,
@@ -192,7 +198,9 @@ impl Asker<'_> {
         }
         match (answer.trim(), default) {
             ("", Some(default)) => Ok(default.to_owned()),
-            ("", None) => Err(Failure(format!("{flag}: is missing, and this machine does not say it; {question}"))),
+            ("", None) => {
+                Err(Failure::new(format!("{flag}: is missing, and this machine does not say it; {question}")))
+            }
             (answer, _) => Ok(answer.to_owned()),
         }
     }
@@ -208,7 +216,8 @@ mod tests {
         let mut asker = Asker { answers: &mut typed, asks: true };
         assert_eq!(asker.ask("--tracker", "tracker", None).unwrap(), "fastrak");
         assert_eq!(asker.ask("--port", "port", Some("/dev/ttyS0")).unwrap(), "/dev/ttyS0");
-        let Failure(sentence) = asker.ask("--grabber", "frame grabber", None).unwrap_err();
+        let Failure(crate::failure::Reason { sentence, .. }) =
+            asker.ask("--grabber", "frame grabber", None).unwrap_err();
         assert!(sentence.starts_with("--grabber: is missing"), "{sentence}");
         asker.asks = false;
         assert_eq!(asker.ask("--record", "folder", Some("")).unwrap(), "");

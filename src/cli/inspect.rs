@@ -17,7 +17,7 @@ use serde::Serialize;
 use formats::Limits;
 use formats::image::{Content, content};
 
-use super::Failure;
+use super::{Failure, FailureKind};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::reconstruct::zarr::is_ome_zarr;
@@ -157,13 +157,13 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         return Ok(Kind::Configuration);
     }
     if head.is_empty() {
-        let why = formats::NoImage::Empty;
-        fail!("{}: {why}", path.display());
+        return Err(formats::Error::NoImage { path: path.to_owned(), source: formats::NoImage::Empty }.into());
     }
-    Err(Failure(format!(
+    Err(Failure::new(format!(
         "{}: is of no known kind: neither MetaImage (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, \
         NIfTI, a session, a configuration or calibration of sonoweave, nor XML; give one of these",
         path.display(),
         head.len()
-    )))
+    ))
+    .of(FailureKind::Input))
 }

@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
         return print(&format!("{:#}\n", schema::json()));
     }
     let Some(path) = &arguments.config else {
-        fail!(
+        fail_usage!(
             "--config: is missing; give a session configuration. `sonoweave live --example virtual` prints one without \
             hardware"
         );
@@ -123,5 +123,5 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     let report = check::check(&bedside, arguments.session_arguments.accept_example)?;
     print(&report.text())?;
     arguments.json.write(&report)?;
-    report.verdict().map_or(Ok(()), |sentence| Err(Failure(sentence)))
+    report.verdict().map_or(Ok(()), |sentence| Err(Failure::new(sentence)))
 }

@@ -80,7 +80,7 @@ pub(super) fn has_colours() -> bool {
 /// Returns the log's filter.
 fn filter(text: &str) -> Result<EnvFilter, Failure> {
     let refused = |why: &str| {
-        Failure(format!(
+        Failure::usage(format!(
             "--log {text}: {why}; give error, warn, info, debug, trace or off, or a filter such as warn,drivers=debug"
         ))
     };
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn filter_without_level_refused() {
         for text in ["bogus", "warn,bogus", "drivers=loud"] {
-            let Failure(sentence) = filter(text).unwrap_err();
+            let Failure(crate::failure::Reason { sentence, .. }) = filter(text).unwrap_err();
             assert!(sentence.starts_with(&format!("--log {text}: ")) && sentence.contains("give error"), "{sentence}");
         }
         assert!(filter("warn,drivers=debug").is_ok() && filter("off").is_ok());

@@ -4,6 +4,7 @@
 mod print;
 
 pub mod animate;
+pub mod batch;
 pub mod calibrate;
 pub mod compare;
 pub mod completions;
@@ -19,6 +20,7 @@ pub mod inspect;
 pub mod live;
 mod log;
 pub mod man;
+mod negative;
 pub mod phantom;
 mod progress;
 pub mod reconstruct;
@@ -38,13 +40,16 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 pub use config::values;
 use sonoweave_core::NOTICE;
 
+use crate::app::batch::child;
 use crate::app::json::Json;
-pub use crate::failure::Failure;
+pub use crate::failure::{Failure, FailureKind, Reason};
 use log::LogFlags;
+use negative::with_negative_numbers;
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
 #[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110, after_help = NOTICE)]
+#[command(after_long_help = format!("{}\n{NOTICE}", exit_codes()))]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -79,22 +84,19 @@ impl Arguments {
     }
 }
 
+/// Describes the exit codes.
+fn exit_codes() -> String {
+    let line = |kind: FailureKind| format!("  {:<4} {}\n", kind.code(), kind.words());
+    let codes: String = FailureKind::ALL.map(line).concat();
+    format!("Exit codes:\n  0    success\n{codes}")
+}
+
 /// Returns the command line, with everything that clap adds to it. The subcommand `help` is
 /// omitted, because `--help` and the manual have its contents.
 pub fn command_line() -> clap::Command {
     let mut command = help::grouped(Arguments::command()).disable_help_subcommand(true);
     command.build();
     command
-}
-
-/// Lets flags take negative numbers, so that a range is refused by its own sentence.
-fn with_negative_numbers(command: clap::Command) -> clap::Command {
-    let names: Vec<String> = command.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
-    let command = command.mut_args(|flag| match flag.get_action().takes_values() && !flag.is_positional() {
-        true => flag.allow_negative_numbers(true),
-        false => flag,
-    });
-    names.iter().fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
 }
 
 #[derive(Debug, Subcommand)]
@@ -104,6 +106,8 @@ enum Command {
     /// Reconstruct a volume by several processes, each some of its regions
     #[command(subcommand)]
     Regions(regions::Arguments),
+    /// Reconstruct many sweeps by a manifest, a process each
+    Batch(batch::Arguments),
     /// Render a volume
     Render(Box<render::Arguments>),
     /// Replay a recorded session as it ran live, or with another configuration
@@ -146,11 +150,13 @@ enum Command {
 /// exit code.
 #[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
 pub fn main() -> ExitCode {
-    match run(&Arguments::of_process()) {
+    let ran = child::begin().and_then(|()| run(&Arguments::of_process()));
+    child::end();
+    match ran {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure(sentence)) => {
+        Err(Failure(Reason { sentence, kind })) => {
             eprintln!("sonoweave: {sentence}");
-            ExitCode::FAILURE
+            ExitCode::from(kind.code())
         }
     }
 }
@@ -169,6 +175,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         Command::Regions(arguments) => regions::run(arguments),
+        Command::Batch(arguments) => batch::run(arguments, quiet),
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments, quiet),
         Command::Animate(arguments) => animate::run(arguments),
@@ -221,11 +228,12 @@ mod tests {
     fn failure_names_command_that_remedies_cause() {
         let damage = formats::session::Damage { from: 8, until: 20, what: "an incomplete chunk", is_loss: true };
         let damaged = formats::Error::Damaged { path: "s.mcap".into(), damage };
-        let Failure(text) = pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
+        let Failure(Reason { sentence: text, .. }) =
+            pipeline::PipelineError::from(sonoweave_core::Error::from(damaged)).into();
         let expected = "repair the session by `sonoweave repair FILE -o OUT`, which lists the missing parts";
         assert!(text.ends_with(expected), "{text}");
         let foreign = formats::Error::NoSession { path: "s.mcap".into(), source: formats::NoSession::NoChunk };
-        let Failure(text) = drivers::Error::from(foreign).into();
+        let Failure(Reason { sentence: text, .. }) = drivers::Error::from(foreign).into();
         assert!(text.ends_with("give a recorded session"), "{text}");
     }
 }

@@ -217,13 +217,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     fn settings(&self) -> Result<ScanSettings, Failure> {
         if !(self.rate.is_finite() && (1e-3..=1e6).contains(&self.rate)) {
-            fail!("--rate {}: must lie between 0.001 and 1000000 pictures a second", self.rate);
+            fail_usage!("--rate {}: must lie between 0.001 and 1000000 pictures a second", self.rate);
         }
         if !self.grey.is_finite() {
-            fail!("--grey {}: must be finite", self.grey);
+            fail_usage!("--grey {}: must be finite", self.grey);
         }
         if !(self.grain.is_finite() && self.grain > 0.0) {
-            fail!("--grain {}: must be a positive, finite length in mm", self.grain);
+            fail_usage!("--grain {}: must be a positive, finite length in mm", self.grain);
         }
         let options = SceneOptions {
             grey: self.grey,
@@ -234,7 +234,7 @@ impl Arguments {
         };
         let shown = self.echoes.content(self.scene, options);
         if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some() || self.phantom.is_some()) {
-            fail!(
+            fail_usage!(
                 "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom need a \
                 simulated scanner; leave them out, or give --scene doll, thigh, n-wire, cross-wire, tank-floor or \
                 stylus"
@@ -262,7 +262,7 @@ impl Arguments {
                 ScalarName::F32 => Depth::F32,
             },
             fan: if self.fan {
-                Some(convex_fan(self.image_size).map_err(|e| Failure(format!("--fan: {e}")))?)
+                Some(convex_fan(self.image_size).map_err(|e| Failure::usage(format!("--fan: {e}")))?)
             } else {
                 None
             },
@@ -280,7 +280,7 @@ impl Arguments {
             None => Ok(scan.time_ns(scan.frames() - 1)),
             // Thirty years either way: whole nanoseconds that fit.
             Some(s) if s.abs() <= 1e9 => Ok((s * 1e9).round() as i64),
-            Some(s) => Err(Failure(format!("--truth-time {s}: must be a time in seconds between -1e9 and 1e9"))),
+            Some(s) => Err(Failure::usage(format!("--truth-time {s}: must be a time in seconds between -1e9 and 1e9"))),
         }
     }
 
@@ -308,7 +308,7 @@ impl Arguments {
             input::check_volume(path)?;
         }
         let named = Container::of_sequence(&self.output);
-        named.map_err(|why| Failure(format!("{}: {why}", self.output.display())))?;
+        named.map_err(|why| Failure::new(format!("{}: {why}", self.output.display())))?;
         self.json.check([])
     }
 

@@ -1,5 +1,6 @@
 //! Output of the commands to stdout.
 
+use crate::failure::Reason;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,7 +34,7 @@ macro_rules! print_line {
 
 /// Implements `print_line!`.
 pub(in crate::cli) fn line(text: Arguments<'_>) {
-    if let Err(Failure(why)) = print(&format!("{text}\n")) {
+    if let Err(Failure(Reason { sentence: why, .. })) = print(&format!("{text}\n")) {
         tracing::error!("{why}");
     }
 }

@@ -1,10 +1,10 @@
 //! `sonoweave reconstruct`: reconstructs a recorded sweep into a volume.
 
-mod batch;
 mod beside;
 pub(super) mod filling;
 pub(super) mod flags;
 pub(super) mod one;
+mod several;
 mod weighing;
 
 use std::path::PathBuf;
@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Failure;
+use crate::app::reconstruct::beside::Beside;
 use flags::Flags;
 use one::reconstruct;
 
@@ -46,6 +47,18 @@ pub struct Arguments {
     flags: Flags,
 }
 
+impl Arguments {
+    /// Checks the flags without reading the recording.
+    ///
+    /// # Errors
+    /// [`Failure`] when flags contradict each other or have wrong values.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        let [sequence] = &self.sequences[..] else { fail_usage!("several recordings; give one") };
+        let (request, _) = self.flags.request(sequence, Some(&self.output), Beside::default())?;
+        if self.out_of_core { request.check_regions() } else { Ok(()) }
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -57,7 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside(), *out_of_core)?;
             flags.beside.json.write_text(&document)
         }
-        _ if *out_of_core => Err(Failure("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr".into())),
-        _ => batch::run(sequences, output, flags),
+        _ if *out_of_core => Err(Failure::usage("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr")),
+        _ => several::run(sequences, output, flags),
     }
 }

@@ -1,6 +1,5 @@
 //! `sonoweave regions`: a volume that several processes reconstruct, each some of its regions.
 
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -11,6 +10,7 @@ use super::progress::steps;
 use super::reconstruct::flags::Flags;
 use crate::app::input;
 use crate::app::json::JsonFlag;
+use crate::app::part::Part;
 use crate::app::reconstruct::regions::processes::{self, Choice, RegionsStatus};
 
 /// Commands of `regions`.
@@ -63,7 +63,7 @@ pub struct RunArguments {
     #[arg(long, value_name = "N,N", value_delimiter = ',', conflicts_with = "part")]
     only: Vec<usize>,
     /// The K-th of N parts of about equal work, from 1
-    #[arg(long, value_name = "K/N", value_parser = part)]
+    #[arg(long, value_name = "K/N")]
     part: Option<Part>,
     /// Threads; any number gives the same volume [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -91,18 +91,6 @@ pub struct FinishArguments {
     threads: Option<u16>,
     #[command(flatten)]
     json: JsonFlag,
-}
-
-/// A part: its number from 0, and the number of parts.
-type Part = (usize, NonZeroUsize);
-
-/// Parses a part K/N.
-fn part(text: &str) -> Result<Part, String> {
-    let parsed = text.split_once('/').and_then(|(k, n)| Some((k.parse::<usize>().ok()?, n.parse().ok()?)));
-    match parsed {
-        Some((k, n)) if (1..=NonZeroUsize::get(n)).contains(&k) => Ok((k - 1, n)),
-        _ => Err("must be K/N, such as 2/8: two whole numbers, the first from 1 to the second".into()),
-    }
 }
 
 /// Runs the command.
@@ -138,8 +126,8 @@ fn plan(PlanArguments { sequence, output, flags }: &PlanArguments) -> Result<(),
 
 fn run_regions(RunArguments { volume, only, part, threads }: &RunArguments) -> Result<(), Failure> {
     let choice = match part {
-        Some((part, of)) => Choice::Part(*part, *of),
-        None if only.is_empty() => Choice::Part(0, NonZeroUsize::MIN),
+        Some(part) => Choice::Part(*part),
+        None if only.is_empty() => Choice::Part(Part { number: 1, of: 1 }),
         None => Choice::Only(only.clone()),
     };
     let [written, kept] = processes::run(volume, &choice, input::threads(*threads), &steps)?;
@@ -172,18 +160,4 @@ fn finish(FinishArguments { volume, threads, json }: &FinishArguments) -> Result
         number("bytes") as f64 / 1e6,
     );
     json.write(&report)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn part_is_one_of_so_many() {
-        assert_eq!(part("2/8"), Ok((1, NonZeroUsize::new(8).unwrap())));
-        assert_eq!(part("1/1"), Ok((0, NonZeroUsize::MIN)));
-        for wrong in ["0/3", "4/3", "1/0", "1", "a/b", "1/2/3", "-1/3", ""] {
-            assert!(part(wrong).is_err(), "{wrong}");
-        }
-    }
 }

@@ -75,13 +75,16 @@ impl Arguments {
         self.json.check(inputs())?;
         if let Some(what) = self.view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe))
         {
-            fail!("--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`", what.name());
+            fail_usage!(
+                "--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`",
+                what.name()
+            );
         }
         if self.view_flags.mode == Mode::Slice && self.turntable.is_some() {
-            fail!("--turntable: does not apply to --mode slice; leave it out");
+            fail_usage!("--turntable: does not apply to --mode slice; leave it out");
         }
         if self.view_flags.planar.wants_weights() && self.weights.is_none() {
-            fail!(
+            fail_usage!(
                 "--overlay weight: the volume's file has no weights; give --weights with a file from `reconstruct \
                 --weights`"
             );
@@ -95,5 +98,5 @@ fn gibibytes(gib: f64) -> Result<u64, Failure> {
     if bytes > 0.0 && bytes.is_finite() {
         return Ok(bytes as u64);
     }
-    Err(Failure(format!("--max-memory {gib}: must be a positive number of GiB")))
+    Err(Failure::usage(format!("--max-memory {gib}: must be a positive number of GiB")))
 }

@@ -131,7 +131,7 @@ impl Arguments {
 pub(super) fn series(pictures: Option<&Path>, every: NonZeroU64) -> Result<Option<Series>, Failure> {
     let Some(folder) = pictures else { return Ok(None) };
     if !folder.is_dir() {
-        fail!("--pictures {}: the folder does not exist; make it first", folder.display());
+        fail_usage!("--pictures {}: the folder does not exist; make it first", folder.display());
     }
     Ok(Some(Series { folder: folder.to_owned(), every }))
 }

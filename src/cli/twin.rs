@@ -120,7 +120,7 @@ fn share(text: &str) -> Result<f64, String> {
 /// Converts a duration to ns. Refuses durations that are negative, or longer than 1e6 units.
 fn ns(flag: &str, value: f64, unit_ns: i64) -> Result<i64, Failure> {
     if !(0.0..=1e6).contains(&value) {
-        fail!("--{flag} {value}: must lie between 0 and 1000000");
+        fail_usage!("--{flag} {value}: must lie between 0 and 1000000");
     }
     Ok((value * unit_ns as f64).round() as i64)
 }
@@ -144,7 +144,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
     let duration = out_of("duration", arguments.duration)?;
     let every = out_of("unplug-every", arguments.unplug_every)?;
     if every.is_some_and(|every| every < SECOND / 10) {
-        fail!("--unplug-every: must be 0.1 s or more");
+        fail_usage!("--unplug-every: must be 0.1 s or more");
     }
     let ports = arguments.ports(begin_ns)?;
     let mut links: Vec<Option<Link>> = (1..)
@@ -207,7 +207,7 @@ fn open(ports: &[Port], links: &mut [Option<Link>], out: &mut impl Write) -> Res
     let mut lines = Vec::new();
     for (Port { name, machine }, link) in ports.iter().zip(links) {
         let pty = Pty::run(Arc::clone(machine))
-            .map_err(|e| Failure(format!("cannot open a pseudo-terminal: {e}; check that /dev/pts is mounted")))?;
+            .map_err(|e| Failure::new(format!("cannot open a pseudo-terminal: {e}; check that /dev/pts is mounted")))?;
         match link {
             Some(link) => {
                 link.point_to(pty.path())?;
@@ -282,9 +282,10 @@ impl Link {
     /// Refuses to replace anything but a link.
     fn check(&self) -> Result<(), Failure> {
         match std::fs::symlink_metadata(&self.path) {
-            Ok(there) if !there.is_symlink() => {
-                Err(Failure(format!("--link {}: exists and is not a link; give another name", self.path.display())))
-            }
+            Ok(there) if !there.is_symlink() => Err(Failure::usage(format!(
+                "--link {}: exists and is not a link; give another name",
+                self.path.display()
+            ))),
             _ => Ok(()),
         }
     }
@@ -295,7 +296,7 @@ impl Link {
         self.check()?;
         let path = self.path.display().to_string();
         let failed = |e: std::io::Error| {
-            Failure(format!("--link {path}: cannot make the link: {e}; give a name in your own folder"))
+            Failure::usage(format!("--link {path}: cannot make the link: {e}; give a name in your own folder"))
         };
         let mut beside = self.path.clone().into_os_string();
         beside.push(format!(".{}", std::process::id()));
@@ -318,7 +319,7 @@ impl Drop for Link {
 impl Arguments {
     fn faults(&self) -> Result<Faults, Failure> {
         if !(-1e5..=1e5).contains(&self.drift) {
-            fail!("--drift {}: must be at most 100000 parts in a million", self.drift);
+            fail_usage!("--drift {}: must be at most 100000 parts in a million", self.drift);
         }
         Ok(Faults {
             seed: self.seed,
@@ -336,10 +337,10 @@ impl Arguments {
         let (unit, most) = (name(self.unit), self.unit.most_stations());
         match self.stations {
             Some(_) if self.unit.is_arm() => {
-                Err(Failure(format!("--stations: {unit} is an arm and has no stations; leave it out")))
+                Err(Failure::usage(format!("--stations: {unit} is an arm and has no stations; leave it out")))
             }
             Some(stations) if !(1..=most).contains(&stations) => {
-                Err(Failure(format!("--stations {stations}: {unit} has {most}; give 1 to {most}")))
+                Err(Failure::usage(format!("--stations {stations}: {unit} has {most}; give 1 to {most}")))
             }
             stations => Ok(stations.unwrap_or(most.min(2))),
         }
@@ -351,25 +352,25 @@ impl Arguments {
         let states = self.unit.states();
         if !states.contains(&self.found) {
             let states: Vec<String> = states.iter().map(|found| name(*found)).collect();
-            fail!("--found {}: is not possible for {unit}; give one of {}", name(self.found), states.join(", "));
+            fail_usage!("--found {}: is not possible for {unit}; give one of {}", name(self.found), states.join(", "));
         }
         match self.rate {
             Some(_) if rates.is_empty() => {
-                fail!("--rate: {unit} has a fixed rate; leave it out");
+                fail_usage!("--rate: {unit} has a fixed rate; leave it out");
             }
             Some(rate) if !rates.contains(&rate) => {
-                fail!("--rate {rate}: {unit} supports {rates:?} readings a second; give one of these");
+                fail_usage!("--rate {rate}: {unit} supports {rates:?} readings a second; give one of these");
             }
             _ => {}
         }
         match (self.unit.is_arm(), self.noise.is_some(), self.counts_per_turn) {
-            (true, true, _) => {
-                Err(Failure(format!("--noise: does not apply to {unit}, whose counts have no noise; leave it out")))
-            }
+            (true, true, _) => Err(Failure::usage(format!(
+                "--noise: does not apply to {unit}, whose counts have no noise; leave it out"
+            ))),
             (false, _, Some(_)) => {
-                Err(Failure(format!("--counts-per-turn: {unit} is a tracker and has no counts; leave it out")))
+                Err(Failure::usage(format!("--counts-per-turn: {unit} is a tracker and has no counts; leave it out")))
             }
-            (true, _, Some(0)) => Err(Failure("--counts-per-turn 0: must be at least 1".into())),
+            (true, _, Some(0)) => Err(Failure::usage("--counts-per-turn 0: must be at least 1")),
             _ => Ok(()),
         }
     }
@@ -404,7 +405,7 @@ impl Arguments {
             None => motion,
             Some(TrackerNoise { position_mm, rotation_degrees }) => {
                 if ![position_mm, rotation_degrees].iter().all(|sd| (0.0..=100.0).contains(sd)) {
-                    fail!("--noise: both standard deviations must lie between 0 and 100");
+                    fail_usage!("--noise: both standard deviations must lie between 0 and 100");
                 }
                 trembling(motion, position_mm, rotation_degrees, self.seed)
             }

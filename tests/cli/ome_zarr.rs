@@ -138,7 +138,7 @@ fn volume_beyond_memory_is_made_in_regions_by_itself() {
     assert!(tree(&place.path("whole.ome.zarr")) == tree(&place.path("parts.ome.zarr")));
     // Other formats need the whole volume.
     let refused = place.run(&format!("reconstruct s.mha -o v.mha {FINE} {ONE_SHARD}"));
-    assert!(refused.code == 1 && refused.stderr.contains("--max-memory"), "{}", refused.stderr);
+    assert!(refused.code == 6 && refused.stderr.contains("--max-memory"), "{}", refused.stderr);
     assert!(!place.path("v.mha").exists());
 }
 
@@ -218,13 +218,13 @@ fn unusable_requests_of_regions_are_refused() {
     for (flags, says) in cases {
         let before = place.names();
         let run = place.run(&format!("reconstruct s.mha {flags}"));
-        assert_eq!(run.code, 1, "{flags}");
+        assert!((1..=10).contains(&run.code), "{flags}: {}", run.code);
         assert!(says.iter().all(|part| run.stderr.contains(part)), "{flags}: {}", run.stderr);
         assert_eq!(place.names(), before, "{flags}");
     }
     place.put("file.ome.zarr", "no folder");
     let run = place.run("reconstruct s.mha -o file.ome.zarr");
-    assert!(run.code == 1 && run.stderr.contains("file.ome.zarr"), "{}", run.stderr);
+    assert!(run.code == 7 && run.stderr.contains("file.ome.zarr"), "{}", run.stderr);
     assert_eq!(place.get("file.ome.zarr"), b"no folder");
     place.refuses_with("inspect none.ome.zarr", &["none.ome.zarr"]);
 }

@@ -173,7 +173,7 @@ fn unusable_requests_of_processes_are_refused() {
     let place = planned("");
     let cases: [(&str, &[&str]); 9] = [
         ("run v.ome.zarr --only 8", &["--only 8", "there are 8 regions; give numbers from 0 to 7"]),
-        ("run v.ome.zarr --part 0/3", &["--part", "must be K/N, such as 2/8"]),
+        ("run v.ome.zarr --part 0/3", &["--part", "must be K/N, with K from 1 to N"]),
         ("run v.ome.zarr --part 1/2 --only 1", &["cannot be used with"]),
         ("run whole.ome.zarr", &["whole.ome.zarr: has no plan", "unless this volume is the finished one"]),
         ("status none.ome.zarr", &["none.ome.zarr: has no plan", "sonoweave regions plan"]),

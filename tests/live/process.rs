@@ -139,7 +139,7 @@ fn unwritable_folder_is_refused_at_start() {
         let words = ["live", "--config", config, "--record", record, "--duration", "60", "--json=stats.json"];
         let begun = Instant::now();
         let (status, log) = ended(program(&folder, &words));
-        assert_eq!(status.code(), Some(1), "{log}");
+        assert_eq!(status.code(), Some(7), "{log}");
         assert!(begun.elapsed() < PATIENCE / 3, "at once, and not after the session");
         assert!(!folder.path().join("stats.json").exists() && !folder.path().join("rec").exists());
         log

@@ -59,7 +59,7 @@ fn transform(file: &Path, name: &str) -> Result<StaticTransform, Failed> {
 fn registered(path: &Path, tip: &Path, from: f64, to: f64) -> Result<Result<Registered, CalibrationError>, Failed> {
     let phantom = PhantomSettings::read(&files(path)[0])?;
     let tip = transform(tip, "StylusTipToStylus")?.affine.translation;
-    let read = part(path, from, to).read().map_err(|failure| failure.0)?;
+    let read = part(path, from, to).read().map_err(|failure| failure.0.sentence)?;
     assert_eq!((read.frame.as_str(), read.route.as_str()), ("Reference", "Stylus → Tracker → Reference"));
     let reading = |(time_s, pose): &(f64, _)| Reading { time_s: *time_s, reference_from_stylus: *pose };
     let readings: Vec<Reading> = read.poses.iter().map(reading).collect();
@@ -132,7 +132,7 @@ fn other_tip(path: &Path) -> Result<(), Failed> {
 }
 
 fn pivot(path: &Path, from: f64, to: f64) -> Result<Result<Pivot, CalibrationError>, Failed> {
-    let poses: Vec<_> = part(path, from, to).read().map_err(|failure| failure.0)?.poses;
+    let poses: Vec<_> = part(path, from, to).read().map_err(|failure| failure.0.sentence)?.poses;
     let poses: Vec<_> = poses.into_iter().map(|(_, pose)| pose).collect();
     Ok(pivot::calibrate(&poses, &pivot::Settings::default()))
 }
@@ -180,10 +180,10 @@ fn still(path: &Path) -> Result<(), Failed> {
 
 fn unseen(path: &Path) -> Result<(), Failed> {
     let recording = Recording { from: None, to: None, ..part(path, 0.0, 1.0) };
-    let error = recording.read().expect_err("its stylus is INVALID throughout").0;
+    let error = recording.read().expect_err("its stylus is INVALID throughout").0.sentence;
     assert!(error.contains("none of 97 poses of Stylus is usable") && error.contains("status INVALID"), "{error}");
     let other = Recording { stylus: "Pointer".into(), ..recording };
-    let error = other.read().expect_err("there is no pointer").0;
+    let error = other.read().expect_err("there is no pointer").0.sentence;
     assert!(error.contains("holds no frame Pointer, only ") && error.contains("--stylus"), "{error}");
     Ok(())
 }

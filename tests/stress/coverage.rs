@@ -90,7 +90,7 @@ fn empty_mask(sheet: &mut Sheet) {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     let run = place.run("reconstruct s.mha -o v.mha --clip 100,100,5,5");
-    sheet.equal("the program's exit code", run.code, 1);
+    sheet.equal("the program's exit code", run.code, 4);
     sheet.equal("files it left", place.names().len(), 1);
 }
 

@@ -10,7 +10,7 @@ use crate::messages::instructs;
 use crate::sources::{Source, Sources};
 
 /// Macro, type and closures that a failure is made by.
-const MAKERS: [&str; 3] = ["fail", "Failure", "within"];
+const MAKERS: [&str; 4] = ["fail", "fail_usage", "Failure", "within"];
 
 /// Names of values with errors that are walked elsewhere, or with words of advice.
 const PASSED_ON: &str = "advice e error flag flags hint none problem question remedy why";
@@ -40,7 +40,7 @@ fn of_source(source: &Source) -> Vec<Failure> {
     let code = source.code();
     let is_made = |at: &usize| MAKERS.iter().any(|maker| code[*at].is(maker));
     let text = |at: usize| {
-        let skipped = |sign: &str| ["!", "(", "format", "&", "path", ","].contains(&sign);
+        let skipped = |sign: &str| ["!", "(", "format", "&", "path", ",", ":", "usage", "new"].contains(&sign);
         let first = code[at + 1..].iter().find(|token| token.kind == Kind::Literal || !skipped(token.text))?;
         let is_text = first.kind == Kind::Literal && first.text.contains('"');
         is_text.then(|| Failure { file: source.path.clone(), line: first.line, text: unquoted(first.text) })

@@ -132,7 +132,7 @@ pub fn lead<G: Guide>(
         })?;
     drop(twins);
     advisor.end(&last);
-    let Some(recording) = recording else { return Err(Failure("nothing was recorded; begin again".into())) };
+    let Some(recording) = recording else { return Err(Failure::new("nothing was recorded; begin again")) };
     account.notes.iter().for_each(|note| advisor.say(note));
     let lost = recording.lost.total() + recording.after_end.total();
     if lost > 0 {

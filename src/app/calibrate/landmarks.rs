@@ -45,13 +45,13 @@ impl Touches<'_> {
     /// [`Failure`] when the recording does not determine the pose.
     pub(crate) fn find<'a>(&self, recording: &'a Recording, advisor: &mut dyn Advisor) -> Result<Found<'a>, Failure> {
         let landmarks = self.phantom.geometry.landmarks();
-        check(landmarks).map_err(|e| Failure(format!("{}: {e}", self.file.display())))?;
+        check(landmarks).map_err(|e| Failure::new(format!("{}: {e}", self.file.display())))?;
         let recording = gathered(recording, None, advisor, |tracks| {
             Ok(advice(&self.registered(&poses(recording, tracks, recording.path())?)?, landmarks))
         })?;
         let read = recording.read()?;
         let within =
-            |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
+            |e: CalibrationError| Failure::new(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
         let registered = self.registered(&read).map_err(within)?;
         let predicted = predicted(&registered, self.phantom);
         Ok(Found { recording, read, registered, predicted })

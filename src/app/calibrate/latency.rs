@@ -18,7 +18,7 @@ use config::bedside::pixel_mm;
 use super::guide::Advisor;
 use super::outputs::Outputs;
 use super::recorded::{Recorded, data};
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 use options::Method;
 pub(crate) use options::Options;
 pub(crate) use source::Source;
@@ -75,7 +75,7 @@ impl Options {
                 Err(no_floor @ CalibrationError::Latency(LatencyError::NoFloor { .. })) => {
                     match self.by_crossings(&source, calibration, &mut notes) {
                         Ok(found) => Found::Crossings(Box::new(found)),
-                        Err(Failure(why)) => {
+                        Err(Failure(Reason { sentence: why, .. })) => {
                             fail!("by --method line: {no_floor}; by --method crossings: {why}");
                         }
                     }
@@ -113,7 +113,7 @@ impl Options {
             }
             (_, _, Some(path), _) => Ok(Source::new(Recorded::Sequence(path.clone()), None)),
             (_, _, _, Some(path)) => Ok(Source::new(Recorded::session(path)?, None)),
-            _ => Err(Failure("give --video and --tracker, --sequence, --session or --live".into())),
+            _ => Err(Failure::new("give --video and --tracker, --sequence, --session or --live")),
         }
     }
 
@@ -206,14 +206,14 @@ impl Options {
             at += 1;
             Ok(())
         })?;
-        slices.lag(self.range_s()).map_err(|why| Failure(format!("no lag: {why}")))
+        slices.lag(self.range_s()).map_err(|why| Failure::new(format!("no lag: {why}")))
     }
 }
 
 fn sizes(source: &Source) -> Failure {
-    Failure(format!("{}: its frames have several sizes; record frames of one size", source.paths()[0].display()))
+    Failure::new(format!("{}: its frames have several sizes; record frames of one size", source.paths()[0].display()))
 }
 
 fn refusal(why: CalibrationError) -> Failure {
-    Failure(format!("no lag: {why}"))
+    Failure::new(format!("no lag: {why}"))
 }

@@ -85,7 +85,7 @@ impl Outputs {
         let mut names: Vec<&Path> = self.paths().collect();
         names.sort_unstable();
         if names.windows(2).any(|two| two[0] == two[1]) {
-            return Err(Failure("two outputs have the same file; give different names".into()));
+            return Err(Failure::new("two outputs have the same file; give different names"));
         }
         if let Some(page) = self.page.as_ref().filter(|path| !is_page(path)) {
             fail!(

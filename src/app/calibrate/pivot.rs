@@ -39,7 +39,7 @@ impl Swings {
             gathered(recording, None, advisor, |tracks| self.advice(&poses(recording, tracks, recording.path())?))?;
         let read = recording.read()?;
         let within =
-            |e: CalibrationError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
+            |e: CalibrationError| Failure::new(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
         let pivot = self.tip(&read).map_err(within)?;
         Ok(Found { recording, read, pivot })
     }

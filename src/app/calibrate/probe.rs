@@ -60,7 +60,7 @@ impl Options {
         let held = match registration {
             Some(path) => registered(path, &settings)?,
             None => settings.registration.ok_or_else(|| {
-                Failure(format!(
+                Failure::new(format!(
                     "{}: lacks the phantom's position ({}To{}); give its file with --registration, or measure it with \
                     `calibrate landmarks`",
                     phantom.display(),
@@ -69,7 +69,7 @@ impl Options {
                 ))
             })?,
         };
-        let within = |path: &Path, problem: String| Failure(format!("{}: {problem}", path.display()));
+        let within = |path: &Path, problem: String| Failure::new(format!("{}: {problem}", path.display()));
         let layout = Layout::new(settings.geometry.clone()).map_err(|e| within(phantom, e.to_string()))?;
         let clip = clip.or(settings.clip);
         let began = Instant::now();
@@ -130,7 +130,7 @@ impl Found {
 /// Reads the phantom's pose from a file.
 fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Failure> {
     let frames = &phantom.frames;
-    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+    let within = |problem: String| Failure::new(format!("{}: {problem}", path.display()));
     let known = Config::read(path, None)?.transforms;
     let between = |from: &str, to: &str| known.iter().find(|t| t.from == from && t.to == to).map(|t| t.affine);
     let back = || between(&frames.reference, &frames.phantom).map(|affine| affine.inverse());

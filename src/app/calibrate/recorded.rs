@@ -171,7 +171,7 @@ impl Recorded {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
             let pixels = grey(image).map_err(|kind| {
-                Failure(format!(
+                Failure::new(format!(
                     "{}: its frames have {kind}, but 8 bits are needed; write it again as MET_UCHAR, black at 0 and \
                     white at 255",
                     self.path().display()
@@ -212,7 +212,7 @@ impl Recorded {
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or has no way from the one to the other.
     pub(crate) fn tracked(&self, sensor: &str, reference: &str) -> Result<Tracked, Failure> {
-        let within = |problem: String| Failure(format!("{}: {problem}", self.path().display()));
+        let within = |problem: String| Failure::new(format!("{}: {problem}", self.path().display()));
         match self {
             Self::Sequence(path) => sequence::poses(path, sensor, reference).map(Tracked::Items),
             Self::Session { path, bedside } => {
@@ -240,7 +240,7 @@ fn grey(image: &Image) -> Result<&[u8], &'static str> {
 pub(crate) fn live_image<'a>(picture: &'a Picture, timed: &Timed) -> Result<GreyImage<'a>, Failure> {
     let image = &picture.image;
     let pixels = grey(image).map_err(|kind| {
-        Failure(format!("the grabber's frames have {kind}; choose a format of 8 bits ([grabber] format)"))
+        Failure::new(format!("the grabber's frames have {kind}; choose a format of 8 bits ([grabber] format)"))
     })?;
     let stamps = Some(Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() });
     Ok(GreyImage { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })

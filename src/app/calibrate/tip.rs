@@ -16,7 +16,7 @@ use crate::failure::Failure;
 pub(crate) fn tip(path: &Path, stylus: &str, is_given: bool) -> Result<DVec3, Failure> {
     let missing = || {
         let hint = if is_given { "measure it with `calibrate pivot`" } else { "give its file with --stylus-tip" };
-        Failure(format!(
+        Failure::new(format!(
             "{}: lacks the position of the tip of {stylus} (no StylusTipTo{stylus}); {hint}",
             path.display()
         ))

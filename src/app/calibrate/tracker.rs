@@ -68,7 +68,7 @@ impl Options {
         let read = recording.read()?;
         let path = recording.path().to_owned();
         let within =
-            |e: CalibrationError, counts: &Counts| Failure(format!("{}: {e}{}", path.display(), counts.also()));
+            |e: CalibrationError, counts: &Counts| Failure::new(format!("{}: {e}{}", path.display(), counts.also()));
         let Some(other) = &self.other else {
             let noise = noise(&read).map_err(|e| within(e, &read.counts))?;
             return Ok(Found { path, counts: read.counts, result: Measured::Noise(noise) });

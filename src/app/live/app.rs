@@ -29,7 +29,7 @@ use super::status_publisher::StatusPublisher;
 use super::viewers::Viewers;
 use crate::app::devices::{self, Devices};
 use crate::app::igtl::IgtlServer;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// State that outlasts a session, and the observers.
 pub(super) struct LiveApp<'a> {
@@ -199,7 +199,7 @@ impl LiveApp<'_> {
             let is_own = refuse_example(&bedside, self.options.accept_example, self.operator.reporter);
             match is_own.and_then(|()| self.open(&bedside, folder.as_deref(), Vec::new(), None)) {
                 Ok(made) => return Ok(Some(made)),
-                Err(Failure(why)) => {
+                Err(Failure(Reason { sentence: why, .. })) => {
                     self.operator.reporter.say(&why);
                     controller.report(Progress::Failed, format!("the session cannot begin: {why}"));
                 }

@@ -83,9 +83,9 @@ pub(crate) fn check(bedside: &Bedside, accepted: bool) -> Result<Report, Failure
     });
     let grabber = match grabber {
         Ok(Ok(tried)) => tried,
-        Ok(Err(_)) => return Err(Failure("the grabber's driver has panicked; report this to the project".into())),
+        Ok(Err(_)) => return Err(Failure::new("the grabber's driver has panicked; report this to the project")),
         Err(error) => {
-            return Err(Failure(format!(
+            return Err(Failure::new(format!(
                 "cannot start the grabber's thread: {error}; close other programs, then try again"
             )));
         }
@@ -277,7 +277,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried, accepted: bool) -> Checked
         }
         Err(_) => checked.wrong(match bedside.calibrated() {
             Ok(()) => no_way(bedside),
-            Err(missing) => Failure::configuration(missing).0,
+            Err(missing) => Failure::configuration(missing).0.sentence,
         }),
     }
     let foreign = |checked: &mut Checked, sentence: String| match accepted {
@@ -285,7 +285,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried, accepted: bool) -> Checked
         false => checked.wrong(sentence),
     };
     if let Err(error) = bedside.no_example() {
-        foreign(&mut checked, Failure::configuration(error).0);
+        foreign(&mut checked, Failure::configuration(error).0.sentence);
     }
     let made = calibration.record.origin.made.map(|made| format!("made {made}"));
     let preset = calibration.preset.as_ref().map(|preset| format!("preset \"{}\"", preset.name));

@@ -43,7 +43,7 @@ pub(super) fn refuse_size(
         preset.fits(Some(largest), None)?;
     }
     if let Some(sentence) = other_size(bedside, &sizes) {
-        return Err(Failure(sentence));
+        return Err(Failure::new(sentence));
     }
     match beyond(bedside, largest) {
         Some(sentence) if accepted => reporter.say(&format!("accepted for a trial: {sentence}")),
@@ -118,7 +118,7 @@ mod tests {
         );
         let texts = [("b.toml".into(), bed), ("probe.toml".into(), calibration.into())];
         let bedside = Bedside::of_texts(Path::new("b.toml"), texts.into_iter().collect()).unwrap();
-        refuse_size(&bedside, opened, true, &Silent).err().map(|Failure(sentence)| sentence)
+        refuse_size(&bedside, opened, true, &Silent).err().map(|failure| failure.0.sentence)
     }
 
     #[test]

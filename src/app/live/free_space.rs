@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureKind};
 
 /// Refuses a folder if its disk's free space does not exceed the space to keep free.
 ///
@@ -18,13 +18,14 @@ pub(super) fn check(folder: &Path, keep_free_bytes: u64) -> Result<(), Failure> 
         return Ok(());
     }
     let mb = |bytes: u64| bytes / 1_000_000;
-    Err(Failure(format!(
+    Err(Failure::new(format!(
         "{}: {} MB are free on this disk, but [record] keep_free_mb reserves {}; delete files, record elsewhere, or \
         lower it",
         folder.display(),
         mb(free),
         mb(keep_free_bytes)
-    )))
+    ))
+    .of(FailureKind::Output))
 }
 
 #[cfg(test)]
@@ -36,7 +37,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inner = folder.path().join("not/there/yet");
         check(&inner, 0).unwrap();
-        let refused = check(&inner, u64::MAX).unwrap_err().0;
+        let refused = check(&inner, u64::MAX).unwrap_err().0.sentence;
         assert!(refused.contains("MB are free on this disk") && refused.contains("lower it"), "{refused}");
         assert!(!inner.exists(), "nothing was made");
     }

@@ -26,7 +26,7 @@ use crate::failure::Failure;
 /// [`Failure`] for a duration out of range.
 pub(crate) fn check_duration(duration: Option<f64>) -> Result<(), Failure> {
     match duration.filter(|seconds| !(0.1..=1e6).contains(seconds)) {
-        Some(seconds) => Err(Failure(format!("--duration {seconds}: must be 0.1 to 1000000 seconds"))),
+        Some(seconds) => Err(Failure::new(format!("--duration {seconds}: must be 0.1 to 1000000 seconds"))),
         None => Ok(()),
     }
 }

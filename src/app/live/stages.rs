@@ -69,7 +69,7 @@ impl Kept {
     }
 
     fn read(session: &Path, text: &str) -> Result<Bedside, Failure> {
-        let failed = |error: String| Failure(format!("{}: its configuration: {error}", session.display()));
+        let failed = |error: String| Failure::new(format!("{}: its configuration: {error}", session.display()));
         let kept: Self = serde_json::from_str(text).map_err(|error| failed(error.to_string()))?;
         Bedside::recorded(&kept.path, kept.texts, &kept.effective).map_err(|error| failed(error.to_string()))
     }

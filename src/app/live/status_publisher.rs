@@ -211,7 +211,7 @@ pub(crate) fn policy(bedside: &Bedside) -> Result<SchedulingPolicy, Failure> {
     }
     let policy = SchedulingPolicy::ask(bedside.volume.settings.memory_bytes);
     match (bedside.process.realtime, policy.granted().why.first()) {
-        (Realtime::Required, Some(why)) => Err(Failure(format!("process.realtime = \"required\": {why}"))),
+        (Realtime::Required, Some(why)) => Err(Failure::new(format!("process.realtime = \"required\": {why}"))),
         _ => Ok(policy),
     }
 }

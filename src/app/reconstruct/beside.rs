@@ -33,7 +33,7 @@ impl Beside {
         let given = [("--weights ", &self.weights), ("--planes ", &self.planes), ("--json=", &self.json)];
         for ((flag, path), end) in given.into_iter().zip(ENDS) {
             if let Some(path) = path.as_deref().filter(|path| !path.is_dir()) {
-                fail!(
+                fail_usage!(
                     "{flag}{}: is not a folder, but several recordings need one for their files (NAME.{end}); make \
                     the folder, or give that of -o",
                     path.display()

@@ -7,7 +7,7 @@ use reconstruct::Settings;
 use volume::Voxels;
 use volume::dense::{FILL_FIELD, FILLED_FIELD};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Refuses, before the work, a filling that is impossible on such a lattice, or without
 /// written files.
@@ -17,11 +17,11 @@ use crate::failure::Failure;
 pub(crate) fn check(filling: Option<&Filling>, settings: &Settings, is_written: bool) -> Result<(), Failure> {
     let Some(filling) = filling else { return Ok(()) };
     if !is_written {
-        return Err(Failure(
-            "--fill: applies to written files, and none is written; give a volume, --weights or --planes".into(),
+        return Err(Failure::usage(
+            "--fill: applies to written files, and none is written; give a volume, --weights or --planes",
         ));
     }
-    filling.check(settings.spacing_mm).map_err(|e| Failure(format!("--fill-radius: {e}")))
+    filling.check(settings.spacing_mm).map_err(|e| Failure::usage(format!("--fill-radius: {e}")))
 }
 
 /// Returns the volume to write; `None` if holes are not filled.
@@ -49,7 +49,9 @@ pub(crate) fn advised(error: ExportError) -> Failure {
         ExportError::FloatingPoint => "--type u8 or u16, and --window LO,HI",
         _ => return error.into(),
     };
-    Failure(format!("{error}: {flags}"))
+    let sentence = format!("{error}: {flags}");
+    let Failure(reason) = error.into();
+    Failure(Reason { sentence, ..reason })
 }
 
 /// Returns the header fields of a filled volume.

@@ -26,7 +26,7 @@ use super::zarr::{Description, Target, is_ome_zarr};
 use crate::app::input;
 use crate::app::json::document;
 use crate::app::provenance::Made;
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureKind};
 
 /// Settings of the outputs of a reconstruction.
 #[derive(Debug)]
@@ -71,15 +71,17 @@ impl OutputOptions {
         if !volume.is_some_and(input::is_dicom) {
             self.identifiers.check()?;
             if !self.identifiers.is_empty() {
-                return Err(Failure(
-                    "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
+                return Err(Failure::usage(
+                    "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out",
                 ));
             }
         }
         let voxels = |size: [u64; 3]| size.into_iter().try_fold(1_u64, u64::checked_mul);
         if let Some(size) = self.size.filter(|size| voxels(*size).is_none_or(|all| all > MOST_VOXELS)) {
             let [x, y, z] = size;
-            fail!("--size {x},{y},{z}: is more than {MOST_VOXELS} voxels, the most of a file; give a smaller size");
+            fail_usage!(
+                "--size {x},{y},{z}: is more than {MOST_VOXELS} voxels, the most of a file; give a smaller size"
+            );
         }
         for path in volumes.into_iter().flatten() {
             if volume == Some(path) && (input::is_dicom(path) || is_ome_zarr(path)) {
@@ -103,7 +105,7 @@ impl OutputOptions {
         let scalar = self.scalar.unwrap_or(input);
         let bits = |s: Scalar| s as u8;
         if bits(scalar) < bits(input) && self.window.is_none() {
-            return Err(Failure(
+            return Err(Failure::usage(
                 format!(
                     "--type {0:?}: the input is {input:?}; give --window LO,HI for the grey values of black and white",
                     scalar
@@ -118,7 +120,11 @@ impl OutputOptions {
             Scalar::F32 => true,
         };
         if !representable {
-            fail!("--unseen {}: is not a value of type {}; give one, or another --type", self.unseen, scalar.name());
+            fail_usage!(
+                "--unseen {}: is not a value of type {}; give one, or another --type",
+                self.unseen,
+                scalar.name()
+            );
         }
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }
@@ -136,9 +142,10 @@ impl OutputOptions {
         let reconstructor = &outcome.reconstructor;
         let settings = reconstructor.settings();
         let Some((low, high)) = reconstructor.volume().seen_bounds() else {
-            return Err(Failure(
-                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing".into(),
-            ));
+            return Err(Failure::new(
+                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing",
+            )
+            .of(FailureKind::NoFrame));
         };
         let world = reconstructor.world_from_lattice();
         Ok(match (self.has_origin, self.size) {

@@ -12,7 +12,7 @@ use volume::brick::{BrickBox, EDGE};
 use super::outputs::{Reconstructed, Request};
 use super::zarr::Description;
 use crate::app::reporter::Steps;
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureKind};
 use plan::{Recording, RegionsPlan};
 
 impl Request<'_> {
@@ -23,10 +23,9 @@ impl Request<'_> {
     pub(crate) fn check_regions(&self) -> Result<(), Failure> {
         let options = self.options();
         if options.ome_zarr().is_none() {
-            return Err(Failure(
+            return Err(Failure::usage(
                 "--out-of-core: writes OME-Zarr only; give -o NAME.ome.zarr, and `sonoweave convert` makes other \
-                 formats of it"
-                    .into(),
+                 formats of it",
             ));
         }
         let beside = &options.beside;
@@ -36,13 +35,12 @@ impl Request<'_> {
             ("--fill", options.filling.is_some()),
         ];
         if let Some((flag, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
-            fail!("{flag}: needs the whole volume in memory; leave it out with --out-of-core");
+            fail_usage!("{flag}: needs the whole volume in memory; leave it out with --out-of-core");
         }
         if options.size.is_some() && !options.has_origin {
-            return Err(Failure(
+            return Err(Failure::usage(
                 "--size: begins at the lowest voxel seen, which is known at the end only; give --origin, too, with \
-                 --out-of-core"
-                    .into(),
+                 --out-of-core",
             ));
         }
         Ok(())
@@ -121,7 +119,7 @@ impl Request<'_> {
 
 /// Returns the failure of a volume without any voxel.
 fn nothing() -> Failure {
-    Failure("no slice reaches a voxel; check the poses' unit and --spacing".into())
+    Failure::new("no slice reaches a voxel; check the poses' unit and --spacing").of(FailureKind::NoFrame)
 }
 
 /// Returns the bricks that hold voxels of a box.

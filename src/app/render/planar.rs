@@ -71,9 +71,9 @@ impl Planes {
     pub(crate) fn sheet(&self, place: &Box3, size: [u32; 2]) -> Result<Sheet, Failure> {
         let lettered = self.drawn(&[Draw::Scale]).contains(&Draw::Scale);
         match &self.plane {
-            Some(plane) => Sheet::free(place, plane, size, lettered).map_err(|e| Failure(format!("--plane: {e}"))),
+            Some(plane) => Sheet::free(place, plane, size, lettered).map_err(|e| Failure::new(format!("--plane: {e}"))),
             None => Sheet::three(place, self.at, size, lettered).map_err(|e| match self.at {
-                Some(_) => Failure(format!("--at: {e}")),
+                Some(_) => Failure::new(format!("--at: {e}")),
                 None => e.into(),
             }),
         }

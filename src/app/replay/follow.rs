@@ -6,7 +6,7 @@ use pipeline::{InsertedSlice, Observer, Outcome};
 
 use crate::app::reconstruct::sweep::Sweep;
 use crate::app::reporter::Steps;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Pictures that follow the volume, rendered after each slice before the next is inserted.
 pub(crate) trait Follow: Send {
@@ -28,7 +28,7 @@ impl<F> Follower<F> {
 
 impl<F: Follow> Observer for Follower<F> {
     fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        self.lock().follow(inserted).map_err(|Failure(sentence)| sentence.into())
+        self.lock().follow(inserted).map_err(|Failure(Reason { sentence, .. })| sentence.into())
     }
 }
 

@@ -122,9 +122,10 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
             reporter.say("the volume is the same as in the live session, bit by bit");
             Ok(())
         }
-        Some(Differences { count, first: Some(first) }) => {
-            Err(Failure(format!("{}: differs from the live session {count} times; first, {first}", session.display())))
-        }
+        Some(Differences { count, first: Some(first) }) => Err(Failure::new(format!(
+            "{}: differs from the live session {count} times; first, {first}",
+            session.display()
+        ))),
         _ => Ok(()),
     }
 }

@@ -30,7 +30,7 @@ use crate::app::live::stages::stages;
 use crate::app::live::status_publisher::{REPLAY, StatusPublisher};
 use crate::app::live::viewers::Viewers;
 use crate::app::reporter::Reporter;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Passes the recording's images to pages; their capture times are in the past.
 struct Pages(Arc<console::FrameBroadcaster>);
@@ -103,7 +103,7 @@ impl Showing<'_> {
             self.controller.runs(false, name_of(self.request.session));
             let ended = match self.replay(&stages, &bedside, is_tried) {
                 Ok(inserted) => inserted,
-                Err(Failure(why)) if is_tried => {
+                Err(Failure(Reason { sentence: why, .. })) if is_tried => {
                     self.reporter.say(&why);
                     self.controller.report(
                         Progress::Failed,

@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, output } = arguments;
     input::check_output(output)?;
     input::check_is_not(output, phantom)?;
-    let within = |problem: String| Failure(format!("{}: {problem}", phantom.display()));
+    let within = |problem: String| Failure::new(format!("{}: {problem}", phantom.display()));
     let geometry = PhantomSettings::read(phantom)?.geometry;
     let plates = Plates::of(&geometry).map_err(|e| within(e.to_string()))?;
     let svg = drawing(&geometry, &plates).map_err(|e| within(e.to_string()))?;

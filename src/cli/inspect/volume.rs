@@ -243,7 +243,7 @@ impl Layers {
             Ok(same) if same.size == of_volume.size && same.size == own.size => return Ok(this),
             Ok(_) => "the weights are not those of this volume".into(),
         };
-        Err(Failure(format!("{} and {} cannot be compared: {why}", path.display(), weights.display())))
+        Err(Failure::new(format!("{} and {} cannot be compared: {why}", path.display(), weights.display())))
     }
 
     fn next(&mut self) -> Result<Option<&[f64]>, Failure> {
@@ -285,7 +285,7 @@ fn same(a: f64, b: f64) -> bool {
 fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparison, Failure> {
     let (mut a, mut b) = (Layers::open(path)?, Layers::open(other)?);
     let refused = |other: &Path, why: String| {
-        Failure(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
+        Failure::new(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
     };
     let overlap = Overlap::of(a.header(), b.header()).map_err(|apart| refused(other, apart.to_string()))?;
     let mut w = Layers::weights(path, weights)?;

@@ -127,7 +127,7 @@ pub(super) fn describe(scan: &Scan) -> String {
 /// # Errors
 /// [`Failure`] when the scene has no calibration targets.
 pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
-    let within = |problem: String| Failure(format!("--phantom: {problem}"));
+    let within = |problem: String| Failure::usage(format!("--phantom: {problem}"));
     let Some(bmode) = scan.bmode() else {
         return Err(within("the scene is no body; choose a calibration phantom".into()));
     };

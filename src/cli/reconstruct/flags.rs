@@ -202,14 +202,14 @@ impl Flags {
             None => Config::default(),
         };
         if let Some(text) = &self.image_to_probe {
-            config.set_image_to_probe(text).map_err(|e| Failure(format!("--image-to-probe: {e}")))?;
+            config.set_image_to_probe(text).map_err(|e| Failure::usage(format!("--image-to-probe: {e}")))?;
         }
         let mut mask = config.mask();
         if let Some(clip) = self.clip {
             mask.clip = clip;
         }
         if let Some(text) = &self.fan {
-            mask.fan = Some(parse_fan(text).map_err(|e| Failure(format!("--fan {text}: {e}")))?);
+            mask.fan = Some(parse_fan(text).map_err(|e| Failure::usage(format!("--fan {text}: {e}")))?);
         }
         let spacing = self.spacing.or(config.spacing_mm.map(DVec3::from_array)).unwrap_or(DVec3::splat(SPACING_MM));
         let mut settings = Settings::new(spacing);
@@ -224,7 +224,7 @@ impl Flags {
         };
         let most = self.max_memory * f64::from(1 << 30);
         if !(most > 0.0 && most.is_finite()) {
-            fail!("--max-memory {}: must be a positive number of GiB", self.max_memory);
+            fail_usage!("--max-memory {}: must be a positive number of GiB", self.max_memory);
         }
         settings.memory_bytes = most as u64;
         let session = Session {

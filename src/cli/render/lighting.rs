@@ -90,7 +90,11 @@ mod tests {
 
     fn light(words: &str) -> Result<Light, String> {
         let command = Command::try_parse_from(std::iter::once("x").chain(words.split_whitespace()));
-        command.map_err(|e| e.to_string())?.lighting.light().map_err(|Failure(sentence)| sentence)
+        command
+            .map_err(|e| e.to_string())?
+            .lighting
+            .light()
+            .map_err(|Failure(crate::failure::Reason { sentence, .. })| sentence)
     }
 
     #[test]

@@ -76,7 +76,7 @@ impl PlanarFlags {
 
     fn free(&self) -> Result<Option<Plane>, Failure> {
         let plane = self.plane.map(|p| Plane::new(p.point, p.normal, p.up));
-        plane.transpose().map_err(|e| Failure(format!("--plane: {e}")))
+        plane.transpose().map_err(|e| Failure::usage(format!("--plane: {e}")))
     }
 
     /// Returns the planes and annotations.

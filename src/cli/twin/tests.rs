@@ -20,7 +20,9 @@ fn arguments(flags: &str) -> Arguments {
 }
 
 fn refusal(flags: &str) -> String {
-    play(&arguments(flags), 0, &AtomicBool::new(true), &mut Vec::new()).err().map_or(String::new(), |failure| failure.0)
+    play(&arguments(flags), 0, &AtomicBool::new(true), &mut Vec::new())
+        .err()
+        .map_or(String::new(), |failure| failure.0.sentence)
 }
 
 /// Simulates with a link in a temporary folder while `action` uses it. Returns the output.
@@ -38,7 +40,7 @@ fn playing(flags: &str, action: impl FnOnce(&Path, &Arguments, i64)) -> String {
         // A panic in `action` must not leave the simulation running.
         let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| action(&link, &arguments, begin_ns)));
         ends.store(true, Ordering::Relaxed);
-        let said = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
+        let said = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0.sentence));
         if let Err(panic) = done {
             std::panic::resume_unwind(panic);
         }

@@ -180,7 +180,7 @@ impl Unit {
                 port(self, found, twin, now_ns)
             }
             Self::Ea1 | Self::Qsb | Self::Microscribe => {
-                return Err(Failure("an arm is no tracker; choose a tracker".into()));
+                return Err(Failure::new("an arm is no tracker; choose a tracker"));
             }
         }])
     }
@@ -225,7 +225,7 @@ impl Unit {
                 }
                 one(Arc::new(Mutex::new(twin)))
             }
-            _ => return Err(Failure("a tracker is no arm; choose an arm".into())),
+            _ => return Err(Failure::new("a tracker is no arm; choose an arm")),
         })
     }
 }

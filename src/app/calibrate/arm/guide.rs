@@ -13,7 +13,7 @@ use super::super::guide::{Advice, Advisor, Guide, lead};
 use super::options::Options;
 use super::session::role;
 use super::work::Work;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Records the configured arm until its touches determine it well enough.
 ///
@@ -56,7 +56,7 @@ impl Guide for Touching<'_> {
         if self.readings.is_empty() {
             return Advice::missing("waiting for a homed arm");
         }
-        self.fitted_advice().unwrap_or_else(|Failure(why)| Advice::missing(why))
+        self.fitted_advice().unwrap_or_else(|Failure(Reason { sentence: why, .. })| Advice::missing(why))
     }
 }
 

@@ -70,7 +70,7 @@ impl Which {
         readings: &[(f64, [f64; JOINTS])],
         place: Place,
     ) -> Result<Touched, Failure> {
-        let within = |problem: String| Failure(format!("{}: {problem}", session.display()));
+        let within = |problem: String| Failure::new(format!("{}: {problem}", session.display()));
         let rests = find(arm, readings, self.still, self.rest);
         if let Some(none) = self.skip.iter().find(|number| !(1..=rests.len()).contains(*number)) {
             return Err(within(format!(
@@ -113,7 +113,7 @@ impl Which {
                 let of = of.collect::<Option<Vec<usize>>>();
                 (
                     Place::Divots(divots),
-                    of.ok_or_else(|| Failure("--order 0: give divots by their numbers, from 1".into()))?,
+                    of.ok_or_else(|| Failure::new("--order 0: give divots by their numbers, from 1"))?,
                 )
             }
             Place::Distances(distances) => {

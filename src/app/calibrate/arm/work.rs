@@ -22,7 +22,7 @@ pub(crate) struct Work<'a> {
 
 impl Work<'_> {
     pub(crate) fn within(&self, problem: impl std::fmt::Display) -> Failure {
-        Failure(format!("{}: {problem}", self.session.display()))
+        Failure::new(format!("{}: {problem}", self.session.display()))
     }
 
     /// Returns the arm to begin with, and its fit's residual, mm. Uses the configuration's arm
@@ -39,7 +39,7 @@ impl Work<'_> {
         };
         let file = CalibrationFile::read(path)?;
         let none = "holds no [[arm.joint]]; `sonoweave live --example arm-probe` prints an example";
-        let arm = file.arm.ok_or_else(|| Failure(format!("{}: {none}", path.display())))?;
+        let arm = file.arm.ok_or_else(|| Failure::new(format!("{}: {none}", path.display())))?;
         Ok((arm, file.arm_fit_rms_mm))
     }
 

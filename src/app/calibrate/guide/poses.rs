@@ -7,7 +7,7 @@ use sync::ingest::live::Live;
 use super::super::poses::{Recording, check};
 use super::super::recorded::{GRABBER, Tracks, without_latency};
 use super::{Advice, Advisor, Gathered, Guide, lead};
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Evaluates all poses so far at each step, in the same way as the final recording.
 struct PoseGuide<J> {
@@ -24,7 +24,7 @@ impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
         if self.tracks.is_empty() {
             return Advice::missing("waiting for the tracker's poses");
         }
-        (self.advise)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
+        (self.advise)(&self.tracks).unwrap_or_else(|Failure(Reason { sentence: why, .. })| Advice::missing(why))
     }
 }
 

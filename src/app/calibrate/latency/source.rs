@@ -73,7 +73,7 @@ impl Source {
     ) -> Result<Unfit, Failure> {
         self.video.pictures(|image| match image.stamps {
             Some(stamps) => visit(image, stamps),
-            None => Err(Failure(format!(
+            None => Err(Failure::new(format!(
                 "{}: its frames have no time stamps; record them with time stamps",
                 self.video.path().display()
             ))),
@@ -162,9 +162,8 @@ pub(super) fn probe_from_image(calibration: &Settings) -> Result<DAffine3, Failu
     let image = calibration.image_frame.as_deref().unwrap_or("Image");
     let found = calibration.transforms.iter().find(|t| t.from == image && t.to == PROBE_FRAME);
     found.map(|transform| transform.affine).ok_or_else(|| {
-        Failure(
-            "--method crossings needs the image's position relative to the probe: give --config with ImageToProbe"
-                .into(),
+        Failure::new(
+            "--method crossings needs the image's position relative to the probe: give --config with ImageToProbe",
         )
     })
 }
@@ -216,7 +215,7 @@ fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffin
     let back = of_pixels.inverse();
     let pose = |pose: &sync::FramePose| {
         let rigid = nearest_rigid(&(pose.world_from_image.affine() * back), RIGID_TOLERANCE);
-        let (rigid, _) = rigid.map_err(|e| Failure(format!("{}: frame {}: {e}", path.display(), pose.item)))?;
+        let (rigid, _) = rigid.map_err(|e| Failure::new(format!("{}: frame {}: {e}", path.display(), pose.item)))?;
         Ok::<_, Failure>(sample(seconds(pose.time_ns), &rigid))
     };
     Ok((found.poses.iter().map(pose).collect::<Result<_, _>>()?, of_pixels))

@@ -15,7 +15,7 @@ use crate::failure::Failure;
 
 /// Reads the stylus's poses from a sequence.
 pub(super) fn read(recording: &Recording, path: &Path) -> Result<Poses, Failure> {
-    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+    let within = |problem: String| Failure::new(format!("{}: {problem}", path.display()));
     let mut taken = recording.taken()?;
     let mut readings = Vec::new();
     each(path, false, |reading| {

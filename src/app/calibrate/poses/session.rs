@@ -37,7 +37,7 @@ fn tracked<'a>(recording: &'a Recording, tracks: &'a Tracks, path: &Path) -> Res
             _ => "",
         };
         let (path, names) = (path.display(), tracks.names());
-        Failure(format!("{path}: holds no frame {name}, only {names}; name the frame with {flag}{station}"))
+        Failure::new(format!("{path}: holds no frame {name}, only {names}; name the frame with {flag}{station}"))
     };
     let [of_stylus, of_reference] = recording.flags;
     let stylus = tracks.of(&recording.stylus).ok_or_else(|| unknown(&recording.stylus, of_stylus))?;

@@ -164,13 +164,12 @@ impl Options {
         }
         match (method, phantom, stylus_tip) {
             (Method::Nwire, Some(phantom), _) => Ok(MethodFile::Phantom(phantom)),
-            (Method::Nwire, None, _) => Err(Failure(
-                "--method nwire needs the phantom's wires: give --phantom, or choose another --method".into(),
+            (Method::Nwire, None, _) => Err(Failure::new(
+                "--method nwire needs the phantom's wires: give --phantom, or choose another --method",
             )),
-            (Method::Stylus, _, None) => Err(Failure(
+            (Method::Stylus, _, None) => Err(Failure::new(
                 "--method stylus needs the position of the stylus's tip; give its file with --stylus-tip, or find it \
-                with `calibrate pivot`"
-                    .into(),
+                with `calibrate pivot`",
             )),
             (_, _, tip) => Ok(MethodFile::Target(tip.as_deref())),
         }
@@ -182,8 +181,9 @@ impl Options {
     /// [`Failure`] for a calibration that is too uncertain, or that contradicts the ruler.
     pub(crate) fn result(&self, made: Made) -> Result<ProbeResult, Failure> {
         let Made { probe_from_image, provenance, size_px, quality, covariance, origin, latency } = made;
-        let covariance = covariance
-            .map_err(|problem| Failure(format!("{}: the result is too uncertain: {problem}", self.path().display())))?;
+        let covariance = covariance.map_err(|problem| {
+            Failure::new(format!("{}: the result is too uncertain: {problem}", self.path().display()))
+        })?;
         if let Some(ruler) = &self.ruler {
             let m = probe_from_image.affine().matrix3;
             let pixels_mm = [m.x_axis, m.y_axis].map(|side| side.length());

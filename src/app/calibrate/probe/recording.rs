@@ -11,7 +11,7 @@ use sonoweave_core::region::ClipRect;
 
 use super::super::recorded::{GreyImage, Recorded, Tracked, data};
 use crate::app::reporter::Steps;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// Observations from a recording.
 pub(crate) struct Observed<S = Dots> {
@@ -36,7 +36,7 @@ impl<S> Observed<S> {
         steps: Steps<'_>,
         mut observe: impl FnMut(&GreyImage<'_>) -> Result<S, Failure>,
     ) -> Result<Self, Failure> {
-        let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
+        let within = |problem: String| Failure::new(format!("{}: {problem}", recorded.path().display()));
         let step = steps("searching", tracked.pictures());
         let mut searched = 0;
         let (mut observations, mut size_px, mut timed, mut first_refusal) = (Vec::new(), None, true, None);
@@ -48,7 +48,7 @@ impl<S> Observed<S> {
                 return Err(within(sizes(size, image.size)));
             }
             timed &= image.stamps.is_some();
-            let seen = observe(&image).map_err(|Failure(why)| within(why))?;
+            let seen = observe(&image).map_err(|Failure(Reason { sentence: why, .. })| within(why))?;
             let poses = tracked.at(&image).map_err(|why| first_refusal.get_or_insert(why)).ok();
             observations.push(Observation { frame: number(image.frame), time_s: image.time_s(), seen, poses });
             Ok(())
@@ -150,7 +150,7 @@ impl<'a> WireFinder<'a> {
     pub(crate) fn find(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<Dots, Failure> {
         let region = Region::within(&mut self.region, self.mask, self.clip, size)?;
         if size != region.size {
-            return Err(Failure(sizes(region.size, size)));
+            return Err(Failure::new(sizes(region.size, size)));
         }
         let mut dots = self.dots.find(view, region.clip).to_vec();
         dots.retain(|dot| region.holds(dot.at_px));

@@ -11,7 +11,7 @@ use sync::ingest::live::Live;
 use super::super::guide::Advice;
 use super::super::recorded::{GRABBER, GreyImage, Tracks, live_image};
 use super::recording::number;
-use crate::failure::Failure;
+use crate::failure::{Failure, Reason};
 
 /// The scan so far, with what was detected in each image.
 pub(super) struct Scan<S> {
@@ -34,7 +34,7 @@ impl<S: Clone> Scan<S> {
     /// [`Failure`] with the frame that they lack.
     pub(super) fn check(&self, configuration: &Path, sensor: &str, reference: &str) -> Result<(), Failure> {
         let problem = |why| format!("{}: {why}; give its station under [tracker]", configuration.display());
-        self.tracks.track(sensor, reference).map(|_| ()).map_err(|why| Failure(problem(why)))
+        self.tracks.track(sensor, reference).map(|_| ()).map_err(|why| Failure::new(problem(why)))
     }
 
     /// Adds a sample of a device; `detect` searches an image.
@@ -51,7 +51,7 @@ impl<S: Clone> Scan<S> {
         });
         match observed {
             Ok(observation) => self.observations.push(observation),
-            Err(Failure(why)) => self.trouble = Some(why),
+            Err(Failure(Reason { sentence: why, .. })) => self.trouble = Some(why),
         }
     }
 

@@ -64,7 +64,7 @@ impl Options {
             .transpose()?;
         let recorded = self.recorded(made.as_deref())?;
         let path = recorded.path();
-        let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+        let within = |problem: String| Failure::new(format!("{}: {problem}", path.display()));
         let (seen, reference) = observe(&recorded, names, *clip, is_plane, steps)?;
         let second = second.map(|second| observe(&second, names, *clip, is_plane, steps)).transpose()?;
         let second = second.map(|(second, _)| second);

@@ -48,8 +48,8 @@ pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<Of
         }
         Ok(())
     })?;
-    let mut ways =
-        Ways::of(&names, sensor, reference).map_err(|problem| Failure(format!("{}: {problem}", path.display())))?;
+    let mut ways = Ways::of(&names, sensor, reference)
+        .map_err(|problem| Failure::new(format!("{}: {problem}", path.display())))?;
     let mut all = Vec::new();
     each(path, false, |reading| {
         match reading {

@@ -16,7 +16,7 @@ use volume::brick::BrickBox;
 use crate::app::input;
 use crate::app::json::document;
 use crate::app::reconstruct::zarr::{Described, Target};
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureKind};
 
 /// The program that made a plan. Another version or build may decide otherwise.
 const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " ", env!("SONOWEAVE_BUILT_FROM"));
@@ -55,10 +55,11 @@ impl Recording {
         if is_same {
             return Ok(());
         }
-        Err(Failure(format!(
+        Err(Failure::new(format!(
             "{}: has changed since the plan was made; give back the planned recording, or plan again",
             path.display()
-        )))
+        ))
+        .of(FailureKind::Input))
     }
 }
 
@@ -112,28 +113,32 @@ impl RegionsPlan {
     pub(super) fn read(path: &Path, threads: usize) -> Result<Self, Failure> {
         let file = plan_path(path);
         if !file.is_file() {
-            fail!(
+            return Err(Failure::new(format!(
                 "{}: has no plan ({} is missing); make one by `sonoweave regions plan`{}",
                 path.display(),
                 file.display(),
                 if path.is_dir() { ", unless this volume is the finished one" } else { "" }
-            );
+            ))
+            .of(FailureKind::Input));
         }
         let text = fs::read(&file).map_err(|error| Failure::io(&file, "reading", &error))?;
         // The program is read first: another one's plan may have other fields.
         let value: Value = serde_json::from_slice(&text).map_err(|error| {
-            Failure(format!("{}: is no plan ({error}); make it again by `sonoweave regions plan`", file.display()))
+            Failure::new(format!("{}: is no plan ({error}); make it again by `sonoweave regions plan`", file.display()))
+                .of(FailureKind::Input)
         })?;
         let program = value.get("program").and_then(Value::as_str).unwrap_or_default().to_owned();
         if program != PROGRAM.trim_end() {
-            fail!(
+            return Err(Failure::new(format!(
                 "{}: was made by sonoweave {program}, and this is {}; use that program, or plan again",
                 file.display(),
                 PROGRAM.trim_end()
-            );
+            ))
+            .of(FailureKind::Configuration));
         }
         let mut plan: Self = serde_json::from_value(value).map_err(|error| {
-            Failure(format!("{}: is damaged ({error}); make it again by `sonoweave regions plan`", file.display()))
+            Failure::new(format!("{}: is damaged ({error}); make it again by `sonoweave regions plan`", file.display()))
+                .of(FailureKind::Input)
         })?;
         plan.path = path.to_owned();
         plan.sweep.settings.threads = threads;

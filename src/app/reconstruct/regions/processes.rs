@@ -2,7 +2,6 @@
 //! one machine or on several that share the folder.
 
 use std::collections::BTreeMap;
-use std::num::NonZeroUsize;
 use std::path::Path;
 
 use serde::Serialize;
@@ -13,6 +12,7 @@ use statistics::{RegionWork, WorkNumbers};
 use volume::brick::BrickBox;
 
 use super::plan::RegionsPlan;
+use crate::app::part::Part;
 use crate::app::reconstruct::outputs::Request;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::app::reporter::Steps;
@@ -23,8 +23,8 @@ use crate::failure::Failure;
 pub(crate) enum Choice {
     /// These, by their numbers from 0.
     Only(Vec<usize>),
-    /// The part of this number, from 0, of so many parts of about equal work.
-    Part(usize, NonZeroUsize),
+    /// One of parts of about equal work.
+    Part(Part),
 }
 
 /// State of the regions of a volume.
@@ -135,18 +135,19 @@ pub(crate) fn finish(path: &Path, threads: usize) -> Result<Value, Failure> {
 fn choose(plan: &RegionsPlan, choice: &Choice) -> Result<Vec<usize>, Failure> {
     match choice {
         Choice::Only(numbers) => match numbers.iter().find(|number| **number >= plan.regions.len()) {
-            Some(number) => Err(Failure(format!(
+            Some(number) => Err(Failure::new(format!(
                 "--only {number}: there are {} regions; give numbers from 0 to {}",
                 plan.regions.len(),
                 plan.regions.len().saturating_sub(1)
             ))),
             None => Ok(numbers.clone()),
         },
-        Choice::Part(part, of) => {
+        Choice::Part(Part { number, of }) => {
             let slices = plan.slices();
             let mut order: Vec<usize> = (0..plan.regions.len()).collect();
             order.sort_by_key(|number| std::cmp::Reverse(slices[*number]));
-            Ok(order.into_iter().skip(*part).step_by(of.get()).collect())
+            let dealt = (1..=*of).cycle().zip(order).filter(|(part, _)| part == number).map(|(_, region)| region);
+            Ok(dealt.collect())
         }
     }
 }

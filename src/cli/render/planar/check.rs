@@ -10,7 +10,7 @@ impl PlanarFlags {
     /// # Errors
     /// [`Failure`] with the flag and the remedy.
     pub(in crate::cli::render) fn check(&self, view_flags: &ViewFlags) -> Result<(), Failure> {
-        let refuse = |text: String| Err(Failure(text));
+        let refuse = |text: String| Err(Failure::new(text));
         if self.draw.as_ref().is_some_and(|draw| draw.contains(&Draw::None) && draw.len() > 1) {
             return refuse("--draw none: cannot be combined with other names; leave them out".into());
         }

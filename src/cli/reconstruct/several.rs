@@ -1,5 +1,6 @@
 //! Reconstructs several recordings with one command: a volume each, and a table of results.
 
+use crate::failure::Reason;
 use std::path::{Path, PathBuf};
 
 use statistics::Statistics;
@@ -7,8 +8,8 @@ use statistics::Statistics;
 use super::flags::Flags;
 use super::one::reconstruct;
 use crate::app::json::JsonFlag;
-use crate::app::reconstruct::batch::outputs;
-use crate::cli::Failure;
+use crate::app::reconstruct::several::outputs;
+use crate::cli::{Failure, FailureKind};
 
 /// Reconstructs each recording into a volume of its name in a folder. A failed recording does
 /// not affect the others.
@@ -30,7 +31,7 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
                 documents.push(document);
                 done(name, &statistics, &output)
             }
-            Err(Failure(why)) => {
+            Err(Failure(Reason { sentence: why, .. })) => {
                 failed += 1;
                 [name, "–".into(), "–".into(), "–".into(), format!("failed: {why}")]
             }
@@ -42,7 +43,10 @@ pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result
     }
     match failed {
         0 => Ok(()),
-        n => Err(Failure(format!("{n} of {} recordings failed; see the table for the reasons", sequences.len()))),
+        n => {
+            let sentence = format!("{n} of {} recordings failed; see the table for the reasons", sequences.len());
+            Err(Failure::new(sentence).of(FailureKind::SomeFailed))
+        }
     }
 }
 

@@ -18,7 +18,7 @@ pub(crate) fn outputs(
     folders: &Beside,
 ) -> Result<Vec<(PathBuf, Beside)>, Failure> {
     if !folder.is_dir() {
-        fail!(
+        fail_usage!(
             "{}: is not a folder, but several recordings need one; make the folder, and give it with -o",
             folder.display()
         );
@@ -31,7 +31,7 @@ pub(crate) fn outputs(
         let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("volume");
         let output = folder.join(format!("{stem}.mha"));
         if !taken.insert(output.clone()) {
-            fail!(
+            fail_usage!(
                 "{}: its volume and another recording's would both be {}; run a command for each",
                 sequence.display(),
                 output.display()

@@ -1,0 +1,159 @@
+//! Content keys: hashes of everything that a sweep's files follow from.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use formats::Limits;
+use formats::image::open_sequence;
+
+use crate::app::input;
+use crate::failure::Failure;
+
+/// Version of the layout of results; another one gives other keys.
+const LAYOUT: &str = "sonoweave-batch 1";
+
+/// Characters of a key in the name of its folder.
+const SHORT: usize = 12;
+
+/// A file that a sweep follows from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Input {
+    pub(crate) path: PathBuf,
+    pub(crate) bytes: u64,
+    pub(crate) sha256: String,
+}
+
+impl Input {
+    fn read(path: &Path) -> Result<Self, Failure> {
+        let there = path.metadata().map_err(|e| Failure::io(path, "reading", &e))?;
+        Ok(Self { path: path.to_owned(), bytes: there.len(), sha256: input::hash(path)? })
+    }
+
+    /// Checks that the file is as it was.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be read, or has another content.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let now = Self::read(&self.path)?;
+        if now == *self {
+            return Ok(());
+        }
+        let sentence =
+            format!("{}: has changed since the batch was planned; plan the batch again", self.path.display());
+        Err(Failure::new(sentence).of(crate::failure::FailureKind::Input))
+    }
+}
+
+/// Reads files that several sweeps may have in common once.
+#[derive(Debug, Default)]
+pub(crate) struct Inputs(Mutex<HashMap<PathBuf, Input>>);
+
+impl Inputs {
+    /// Returns a file's content hash.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be read.
+    pub(crate) fn read(&self, path: &Path) -> Result<Input, Failure> {
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(input) = known().get(path) {
+            return Ok(input.clone());
+        }
+        let input = Input::read(path)?;
+        known().insert(path.to_owned(), input.clone());
+        Ok(input)
+    }
+}
+
+/// Returns the files of a recording, and its size as an estimate of its cost: pixels of all
+/// frames, or bytes if its header cannot be read. The run reports the latter.
+pub(crate) fn recording(path: &Path) -> (Vec<PathBuf>, u64) {
+    let bytes = path.metadata().map_or(0, |there| there.len());
+    match open_sequence(path, &Limits::default()) {
+        Ok(opened) => {
+            let mut files = vec![path.to_owned()];
+            if opened.data_path != path {
+                files.push(opened.data_path);
+            }
+            (files, opened.layout.layer_bytes as u64 * opened.layout.layers)
+        }
+        Err(_) => (vec![path.to_owned()], bytes),
+    }
+}
+
+/// Returns the identity of this program: its version and its commit.
+pub(crate) fn program() -> String {
+    let (version, commit) = (env!("CARGO_PKG_VERSION"), env!("SONOWEAVE_BUILT_FROM"));
+    if commit.is_empty() { version.to_owned() } else { format!("{version} {commit}") }
+}
+
+/// Returns the content key of a sweep.
+pub(crate) fn content_key(inputs: &[Input], settings: &[String], outputs: &[String], program: &str) -> String {
+    let mut hasher = Sha256::new();
+    let mut enter = |part: &str| {
+        // A length before each part, so that no two lists of parts have the same bytes.
+        hasher.update((part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    };
+    enter(LAYOUT);
+    enter(program);
+    for list in [settings, outputs] {
+        enter(&list.len().to_string());
+        list.iter().for_each(|part| enter(part));
+    }
+    for input in inputs {
+        // Headers of volumes hold the name.
+        enter(&input::name_of(&input.path));
+        enter(&input.sha256);
+    }
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Returns the beginning of a key, which names the folder of its files.
+pub(crate) fn short(key: &str) -> &str {
+    key.get(..SHORT).unwrap_or(key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_changes_the_key() {
+        let input = |name: &str, sha256: &str| Input { path: name.into(), bytes: 1, sha256: sha256.into() };
+        let list = |items: &[&str]| items.iter().map(|&item| item.to_owned()).collect::<Vec<_>>();
+        let key = |inputs: &[Input], settings: &[&str], outputs: &[&str], program: &str| {
+            content_key(inputs, &list(settings), &list(outputs), program)
+        };
+        let first = key(&[input("f/a", "1")], &["x", "y"], &["v"], "1");
+        assert_eq!(first, key(&[input("g/a", "1")], &["x", "y"], &["v"], "1"), "folders do not count");
+        let others = [
+            key(&[input("f/b", "1")], &["x", "y"], &["v"], "1"),
+            key(&[input("f/a", "2")], &["x", "y"], &["v"], "1"),
+            key(&[input("f/a", "1"), input("f/a", "1")], &["x", "y"], &["v"], "1"),
+            key(&[input("f/a", "1")], &["xy"], &["v"], "1"),
+            key(&[input("f/a", "1")], &["x"], &["y", "v"], "1"),
+            key(&[input("f/a", "1")], &["x", "y"], &["w"], "1"),
+            key(&[input("f/a", "1")], &["x", "y"], &["v"], "2"),
+        ];
+        let all: std::collections::BTreeSet<&String> = others.iter().chain([&first]).collect();
+        assert_eq!(all.len(), 8);
+        assert_eq!((first.len(), short(&first).len()), (64, 12));
+    }
+
+    #[test]
+    fn changed_file_is_refused() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("a");
+        std::fs::write(&path, "one").unwrap();
+        let input = Inputs::default().read(&path).unwrap();
+        assert!(input.check().is_ok());
+        std::fs::write(&path, "two").unwrap();
+        assert!(input.check().unwrap_err().0.sentence.contains("has changed since the batch was planned"));
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(input.check().unwrap_err().0.kind, crate::failure::FailureKind::Input);
+    }
+}
