@@ -141,6 +141,7 @@ interop:
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
 	scripts/interop/session.sh
+	scripts/interop/ome_zarr.sh
 	scripts/interop/snakemake_environment.sh
 	scripts/interop/batch.sh
 

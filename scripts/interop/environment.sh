@@ -24,4 +24,4 @@ python3 -m venv --clear "$into"
     exit 1
 }
 cp "$wanted" "$into/installed.txt"
-echo "interop: SimpleITK, VTK, pynrrd, nibabel, pydicom, pyigtl and mcap are in $into"
+echo "interop: SimpleITK, VTK, pynrrd, nibabel, pydicom, pyigtl, mcap and zarr are in $into"

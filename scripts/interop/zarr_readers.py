@@ -1,18 +1,21 @@
 """Checks an OME-Zarr volume with other programs' readers.
 
-Usage: ome_zarr.py VOLUME.ome.zarr. Needs zarr 3.1.6, ome-zarr-models 1.7 and tensorstore 0.1.86 or
-later. Every group must be valid; zarr-python and tensorstore must find the same bits; each voxel of a coarser level must
-lie in the middle of its children, and have their weighted mean. Ends with an error at the first
-difference.
+Usage: zarr_readers.py VOLUME.ome.zarr CONVERTED.nrrd. Every group must be valid by ome-zarr-models.
+zarr-python, tensorstore and ome-zarr must find the same bits, and pynrrd those of level 0 in the
+volume that `convert` made of it. Each voxel of a coarser level must lie in the middle of its
+children, and have their weighted mean. Ends with an error at the first difference.
 """
 
 import json
 import sys
 from pathlib import Path
 
+import nrrd
 import numpy as np
 import tensorstore
 import zarr
+from ome_zarr.io import parse_url
+from ome_zarr.reader import Reader
 from ome_zarr_models.v05.image import Image
 from ome_zarr_models.v05.image_label import ImageLabel
 
@@ -61,6 +64,17 @@ def read(path):
     check(by_zarr.tobytes() == by_tensorstore.tobytes(), f"{path} differs between the readers")
     check(by_zarr.dtype == by_tensorstore.dtype, f"{path} has two types")
     return by_zarr
+
+
+def compare_readers(values):
+    """Compares the values with those that ome-zarr reads, and pynrrd in the converted volume."""
+    (node, *_) = list(Reader(parse_url(VOLUME))())
+    check(len(node.data) == len(values), f"ome-zarr finds {len(node.data)} levels")
+    for level, (array, *_) in enumerate(values):
+        by_ome_zarr = np.asarray(node.data[level])
+        check(by_ome_zarr.tobytes() == array.tobytes(), f"level {level} differs in ome-zarr")
+    by_nrrd, _ = nrrd.read(sys.argv[2])
+    check(by_nrrd.T.tobytes() == values[0][0].tobytes(), f"{sys.argv[2]} has other values")
 
 
 def cells(array):
@@ -116,6 +130,7 @@ def main():
             same = all((a == b).all() for a, b in zip(one[1:], other[1:], strict=True))
             check(one[0].shape == other[0].shape and same, f"{folder} has other places")
     compare_places(values)
+    compare_readers(values)
     unseen = zarr.open_array(VOLUME / "0", mode="r").fill_value
     compare_levels(values, weights, unseen)
     if "labels/seen" in by_folder:
