@@ -153,6 +153,24 @@ impl Ledger {
         *self.unused_readings.entry(kind).or_default() += 1;
     }
 
+    /// Adds the outcomes of frames that went into the same volume by another run. Readings by
+    /// device are not added.
+    pub fn add(&mut self, other: &Self) {
+        let Frames { total, used, waiting, refused, dropped, lost } = &other.frames;
+        self.frames.total += total;
+        self.frames.used += used;
+        self.frames.waiting += waiting;
+        refused.iter().for_each(|(reason, count)| *self.frames.refused.entry(*reason).or_default() += count);
+        dropped.iter().for_each(|(queue, count)| *self.frames.dropped.entry(*queue).or_default() += count);
+        self.frames.lost += lost;
+        self.projected(other.poses_projected, other.worst_projection);
+        self.untimed += other.untimed;
+        other.unused_readings.iter().for_each(|(kind, count)| *self.unused_readings.entry(kind).or_default() += count);
+        for (reason, refusal) in &other.first_refusals {
+            self.first_refusals.entry(*reason).or_insert_with(|| refusal.clone());
+        }
+    }
+
     /// Frames refused, for any reason.
     pub fn refused_total(&self) -> u64 {
         self.frames.refused.values().sum()

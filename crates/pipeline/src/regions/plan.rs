@@ -4,14 +4,13 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use drivers::replay::SequenceSettings;
 use reconstruct::Entered;
 use sonoweave_core::clock::Monotonic;
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use volume::brick::BrickBox;
 
 use crate::observer::{InsertedSlice, Observer};
-use crate::session::{Finished, Sequence, Session, SessionInputs, SessionStatus, Source, run};
+use crate::session::{Finished, Sequence, SequenceInput, Session, SessionInputs, SessionStatus, Source, run};
 use crate::{Outcome, PipelineError};
 
 /// A slice that enters the volume.
@@ -30,7 +29,7 @@ pub struct PlannedSlice {
 /// The plan of a sweep's reconstruction.
 pub struct SweepPlan {
     /// The recording.
-    pub(super) input: SequenceSettings,
+    pub(super) input: SequenceInput,
     /// The slices that enter, in their order.
     pub slices: Vec<PlannedSlice>,
     /// The outcome of all frames, with an empty volume.
