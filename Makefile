@@ -6,8 +6,8 @@
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
-# long to build as everything else.
-PACKAGES = --workspace --exclude sonoweave-figures --locked
+# long to build as everything else. So is the Python module, whose tests are Python's (make python).
+PACKAGES = --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked
 
 all: test
 

@@ -3,7 +3,8 @@
 mod batch;
 mod beside;
 pub(super) mod filling;
-pub(super) mod flags;
+pub(crate) mod flags;
+pub(crate) mod keywords;
 pub(super) mod one;
 mod weighing;
 

@@ -6,12 +6,12 @@ use statistics::{RegionNumbers, Statistics, WorkNumbers};
 use volume::Voxels;
 use volume::brick::{BrickBox, EDGE};
 
-use super::outputs::{Reconstructed, Request};
+use super::outputs::{Reconstructed, Request, Written};
 use super::zarr::{Description, Target};
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
 
-impl Request<'_> {
+impl Request {
     /// Checks that the requested files can be written region by region.
     ///
     /// # Errors
@@ -59,7 +59,7 @@ impl Request<'_> {
             (None, Some(reached)) => reached,
             (None, None) => return Err(nothing()),
         };
-        let hash = crate::app::input::hash(self.sequence)?;
+        let hash = self.origin.hash(&plan.outcome)?;
         let description = Description::of(&plan.outcome, bounds, encoding, options.size.is_some());
         let space = description.space();
         let fields = self.provenance(&plan.outcome, &space, &encoding, &hash)?;
@@ -99,7 +99,7 @@ impl Request<'_> {
         (statistics.bricks, statistics.bytes, statistics.w_clamped) = (bricks, bytes, work.weights_clamped);
         (statistics.work, statistics.regions) = (WorkNumbers::of(&work), Some(numbers));
         let document = self.document(&statistics, &hash, None::<&()>)?;
-        Ok(Reconstructed { outcome, statistics, document, filled: None })
+        Ok(Reconstructed { outcome, written: Written { statistics, document, filled: None } })
     }
 }
 
