@@ -140,6 +140,16 @@ impl PyVolume {
         Ok((arrays::array(py, read.0, [nz, ny, nx])?, arrays::array(py, read.1, [nz, ny, nx])?))
     }
 
+    /// Renders a picture by the flags of `render`: red, green, blue, opacity, (height, width, 4).
+    fn picture<'py>(&self, py: Python<'py>, keywords: Vec<(String, String)>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+        let drawn = py.detach(|| {
+            let (size, pixels) = self.0.picture(&keywords)?;
+            Ok((size, pixels.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect()))
+        });
+        let ([width, height], pixels) = drawn.map_err(|error| errors::raise(py, error))?;
+        arrays::array(py, pixels, [height as usize, width as usize, 4])
+    }
+
     /// Writes the volume. Returns the report, as JSON, of a reconstruction.
     #[pyo3(signature = (path, keywords, weights))]
     fn write(

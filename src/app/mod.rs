@@ -16,7 +16,7 @@ pub(crate) mod init;
 pub mod input;
 pub(crate) mod json;
 pub(crate) mod live;
-mod provenance;
+pub(crate) mod provenance;
 pub(crate) mod reconstruct;
 pub(crate) mod render;
 pub(crate) mod replay;

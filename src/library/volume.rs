@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
-use export::volume::DenseBox;
+use export::volume::{DenseBox, Encoding, Scalar};
 use formats::image::VolumeSlices;
 use pipeline::Outcome;
 use sonoweave_core::ledger::Ledger;
@@ -14,12 +14,15 @@ use volume::{DenseVolume, Grid, Values};
 use super::{Keywords, LibraryError, MemorySlices};
 use crate::app::convert::{Changes, write};
 use crate::app::input;
+use crate::app::provenance::Made;
 use crate::app::reconstruct::beside::Beside;
 use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::outputs::Request;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::app::reconstruct::zarr::is_ome_zarr;
+use crate::app::render::image;
 use crate::app::volume_input;
+use crate::cli::render::keywords::{Picture, parse};
 use crate::failure::Failure;
 
 /// Ranges of voxels along x, y, z, by index from the volume's first voxel.
@@ -34,7 +37,15 @@ pub struct LibraryVolume {
 #[allow(clippy::large_enum_variant, reason = "few, and never moved")]
 enum Content {
     /// The state of a reconstruction.
-    Reconstruction { outcome: Mutex<Outcome>, space: DenseBox, sweep: Sweep, keywords: Keywords, origin: Origin },
+    Reconstruction {
+        outcome: Mutex<Outcome>,
+        space: DenseBox,
+        sweep: Sweep,
+        keywords: Keywords,
+        origin: Origin,
+        /// The same, as a file of single precision would hold it; made for the first picture.
+        dense: OnceLock<DenseVolume>,
+    },
     /// Values of a file, or of a program.
     Dense(DenseVolume),
 }
@@ -49,7 +60,7 @@ impl LibraryVolume {
         let space = keywords.flags()?.outputs(None, Beside::default()).dense_box(&outcome)?;
         let sweep = sweep.without_observers();
         let outcome = Mutex::new(outcome);
-        let content = Content::Reconstruction { outcome, space, sweep, keywords, origin };
+        let content = Content::Reconstruction { outcome, space, sweep, keywords, origin, dense: OnceLock::new() };
         Ok(Self { grid: space.grid, content })
     }
 
@@ -123,11 +134,53 @@ impl LibraryVolume {
         }
     }
 
-    /// Returns the header's fields of a file.
+    /// Returns the fields of a file's header; for a reconstruction those of a file of single
+    /// precision, without its origin.
     pub fn fields(&self) -> Vec<(String, String)> {
         match &self.content {
-            Content::Reconstruction { .. } => Vec::new(),
+            Content::Reconstruction { outcome, space, .. } => {
+                let (input, calibration) = (String::new(), String::new());
+                let encoding = Encoding { scalar: Scalar::F32, window: None, unseen: 0.0 };
+                let outcome = &*lock(outcome);
+                Made { outcome, space, encoding: &encoding, input, calibration, cropped: false }.fields()
+            }
             Content::Dense(dense) => dense.header().fields.clone(),
+        }
+    }
+
+    /// Returns a picture of it by the flags of `render`: width, height, and red, green, blue of
+    /// each pixel.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when a setting does not fit.
+    pub fn picture(&self, keywords: &[(String, String)]) -> Result<([u32; 2], Vec<u8>), LibraryError> {
+        let Picture { look, window, threads } = parse(keywords)?;
+        let image = image(self.dense()?, &look, window, threads)?;
+        Ok(([image.width(), image.height()], image.into_raw()))
+    }
+
+    fn dense(&self) -> Result<&DenseVolume, LibraryError> {
+        match &self.content {
+            Content::Dense(dense) => Ok(dense),
+            Content::Reconstruction { dense, .. } => {
+                if let Some(dense) = dense.get() {
+                    return Ok(dense);
+                }
+                let all: VoxelBox = self.grid.size.map(|n| 0..n as usize);
+                let voxels = all.iter().map(Range::len).product();
+                let (mut values, mut weights) = (vec![0.0; voxels], vec![0.0; voxels]);
+                self.read(&all, &mut values, &mut weights);
+                let Grid { size, spacing, origin, direction } = self.grid;
+                let axes = [direction.x_axis, direction.y_axis, direction.z_axis].map(|axis| axis.to_array());
+                let size = size.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+                let place = (spacing.to_array(), origin.to_array(), axes);
+                let slices = MemorySlices::new(size, place, &values, self.fields());
+                let of_weights = MemorySlices::new(size, place, &weights, Vec::new());
+                let path = Path::new("the reconstruction");
+                let made = DenseVolume::read((path, slices), Some((path, of_weights)), u64::MAX);
+                let made = made.map_err(|error| LibraryError::at(path, error))?;
+                Ok(dense.get_or_init(|| made))
+            }
         }
     }
 

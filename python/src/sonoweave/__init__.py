@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ._calibration import Calibration
 from ._reconstructor import Reconstructor
+from ._render import render, section
 from ._sequence import Sequence
 from ._sonoweave import VERSION as __version__
 from ._volume import Volume
@@ -23,4 +24,6 @@ __all__ = [
     "SonoweaveError",
     "Volume",
     "__version__",
+    "render",
+    "section",
 ]

@@ -18,10 +18,18 @@ __all__ = ["Calibration"]
 class Calibration:
     """A calibration file of ours, or a PLUS configuration. Made by :meth:`read`."""
 
-    def __init__(self, path: str, name: str | None) -> None:
-        self._path = path
-        self._name = name
-        self._native = _Native(path, name)
+    _path: str
+    _name: str | None
+    _native: _Native
+
+    def __init__(self) -> None:
+        raise TypeError("a Calibration is made by Calibration.read")
+
+    @classmethod
+    def _of(cls, path: str, name: str | None) -> Calibration:
+        self = cls.__new__(cls)
+        self._path, self._name, self._native = path, name, _Native(path, name)
+        return self
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Calibration:
@@ -44,7 +52,7 @@ class Calibration:
         InputError
             A key is unknown, missing or out of range.
         """
-        return cls(check.path("path", path), None)
+        return cls._of(check.path("path", path), None)
 
     def preset(self, name: str) -> Calibration:
         """Return the calibration at the depth of a preset.
@@ -64,11 +72,11 @@ class Calibration:
         InputError
             There is no such preset.
         """
-        return type(self)(self._path, name)
+        return self._of(self._path, name)
 
     def __reduce__(self) -> tuple[Any, tuple[str, str | None]]:
         """Return what makes it again: path and preset."""
-        return type(self), (self._path, self._name)
+        return _make_calibration, (self._path, self._name)
 
     def __repr__(self) -> str:
         """Return a short description."""
@@ -93,7 +101,7 @@ class Calibration:
         if names in transforms:
             return transforms[names]
         if names[::-1] in transforms:
-            return np.linalg.inv(transforms[names[::-1]])
+            return np.asarray(np.linalg.inv(transforms[names[::-1]]), np.float64)
         raise CalibrationError(f"{self._path}: has no calibration of the probe; calibrate it, or choose a preset", names)
 
     @property
@@ -112,3 +120,7 @@ class Calibration:
     def provenance(self) -> str:
         """Origin of the numbers, for people."""
         return self._native.provenance
+
+
+def _make_calibration(path: str, name: str | None) -> Calibration:
+    return Calibration._of(path, name)

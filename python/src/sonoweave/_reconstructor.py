@@ -216,7 +216,7 @@ class Reconstructor:
         native = self._native.snapshot()
         if native is None:
             raise InputError("the volume is empty; insert frames before, and check the ledger for refused ones")
-        return Volume(native)
+        return Volume._of(native)
 
     @property
     def ledger(self) -> dict[str, Any]:

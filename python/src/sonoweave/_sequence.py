@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from . import _arguments as check
 from ._sonoweave import Recording
+from .errors import InputError
 
 if TYPE_CHECKING:
     import xarray
@@ -35,9 +36,17 @@ class Sequence:
     (5, (40, 30))
     """
 
-    def __init__(self, native: Recording, made: tuple[str, tuple[Any, ...]]) -> None:
-        self._native = native
-        self._made = made
+    _native: Recording
+    _made: tuple[str, tuple[Any, ...]]
+
+    def __init__(self) -> None:
+        raise TypeError("a Sequence is made by Sequence.open or Sequence.from_arrays")
+
+    @classmethod
+    def _of(cls, native: Recording, made: tuple[str, tuple[Any, ...]]) -> Sequence:
+        self = cls.__new__(cls)
+        self._native, self._made = native, made
+        return self
 
     @classmethod
     def open(
@@ -87,11 +96,11 @@ class Sequence:
         given = {"config": config, "preset": preset, "image_to_probe": image_to_probe, "world": world, "frames": frames}
         keywords = check.keywords(given)
         name = check.path("path", path)
-        return cls(Recording(name, keywords), ("_open", (name, keywords)))
+        return cls._of(Recording(name, keywords), ("_open", (name, keywords)))
 
     @classmethod
     def _open(cls, path: str, keywords: list[check.Keyword]) -> Sequence:
-        return cls(Recording(path, keywords), ("_open", (path, keywords)))
+        return cls._of(Recording(path, keywords), ("_open", (path, keywords)))
 
     @classmethod
     def from_arrays(
@@ -131,16 +140,16 @@ class Sequence:
         pixels = check.frames("frames", frames, 3)
         poses = check.poses("world_from_image", world_from_image, 3)
         if len(poses) != len(pixels):
-            raise check.InputError(f"world_from_image: must have {len(pixels)} poses as frames, not {len(poses)}")
+            raise InputError(f"world_from_image: must have {len(pixels)} poses as frames, not {len(poses)}")
         seconds = check.times("times", times, len(pixels))
         if not isinstance(name, str):
             raise TypeError(f"name: must be text, not {type(name).__name__}")
         native = Recording.of_frames(name, pixels, poses, seconds)
-        return cls(native, ("_of_frames", (name, pixels.copy(), poses.copy(), seconds)))
+        return cls._of(native, ("_of_frames", (name, pixels.copy(), poses.copy(), seconds)))
 
     @classmethod
     def _of_frames(cls, name: str, pixels: Any, poses: Any, seconds: list[float] | None) -> Sequence:
-        return cls(Recording.of_frames(name, pixels, poses, seconds), ("_of_frames", (name, pixels, poses, seconds)))
+        return cls._of(Recording.of_frames(name, pixels, poses, seconds), ("_of_frames", (name, pixels, poses, seconds)))
 
     def __reduce__(self) -> tuple[Any, tuple[str, tuple[Any, ...]]]:
         """Return what makes it again: path and options, or the arrays."""
@@ -194,14 +203,14 @@ class Sequence:
         """The transforms from the image to the world, in words."""
         return self._native.world()[1]
 
-    def to_xarray(self) -> xarray.DataArray:
-        """Return the frames as a lazy array with times and poses; needs xarray and dask.
+    def to_xarray(self) -> xarray.Dataset:
+        """Return frames, times and poses as a lazy data set; needs xarray and dask.
 
         Returns
         -------
-        xarray.DataArray
-            Dimensions time, y, x, a chunk a frame; coordinates time in s, y and x in pixels, and
-            ``world_from_image``, shape (time, 4, 4).
+        xarray.Dataset
+            Lazy variable ``frames`` with dimensions time, y, x, a chunk a frame, and
+            ``world_from_image``, shape (time, 4, 4); coordinates time in s, y and x in pixels.
         """
         from .bridges import sequence_to_xarray
 

@@ -45,9 +45,17 @@ class Volume:
     ndim = 3
     dtype = np.dtype(np.float32)
 
-    def __init__(self, native: _Native, path: tuple[str, str | None] | None = None) -> None:
-        self._native = native
-        self._path = path
+    _native: _Native
+    _path: tuple[str, str | None] | None
+
+    def __init__(self) -> None:
+        raise TypeError("a Volume is made by Volume.open, Volume.from_arrays or a snapshot")
+
+    @classmethod
+    def _of(cls, native: _Native, path: tuple[str, str | None] | None = None) -> Volume:
+        self = cls.__new__(cls)
+        self._native, self._path = native, path
+        return self
 
     @classmethod
     def open(
@@ -83,7 +91,7 @@ class Volume:
         beside = None if weights is None else check.path("weights", weights)
         keywords = check.keywords({"max_memory": check.memory_gib(memory)})
         name = check.path("path", path)
-        return cls(_Native.open(name, beside, keywords), (name, beside))
+        return cls._of(_Native.open(name, beside, keywords), (name, beside))
 
     @classmethod
     def from_arrays(
@@ -122,7 +130,7 @@ class Volume:
         InputError
             An array has another shape, or the grid spans no space.
         """
-        return cls(_of_arrays(values, weights, spacing, origin, direction, []))
+        return cls._of(_of_arrays(values, weights, spacing, origin, direction, []))
 
     def __reduce__(self) -> Any:
         """Return what makes it again: path, or values, weights and grid."""
@@ -211,12 +219,14 @@ class Volume:
         if box is None:
             return self._read(self._all())[1]
         ranges, steps, drop = self._box(box)
-        return self._read(ranges)[1][steps][drop]
+        weights: Floats = self._read(ranges)[1][steps][drop]
+        return weights
 
     def __getitem__(self, key: Any) -> Floats:
         """Return the values of a box along z, y, x; integers drop an axis."""
         ranges, steps, drop = self._box(key)
-        return self._read(ranges)[0][steps][drop]
+        values: Floats = self._read(ranges)[0][steps][drop]
+        return values
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """Return all values; a volume has no view, so that ``copy=False`` is refused."""
@@ -320,7 +330,9 @@ class Volume:
         for at in dots:
             parts = parts[:at] + (slice(None),) * (4 - len(parts)) + parts[at + 1 :]
         parts = parts + (slice(None),) * (3 - len(parts))
-        ranges, steps, drop = [], [], []
+        ranges: list[list[int]] = []
+        steps: list[slice] = []
+        drop: list[Any] = []
         for part, count in zip(parts, self.shape, strict=True):
             if isinstance(part, slice):
                 places = range(*part.indices(count))
@@ -380,4 +392,4 @@ def _open(path: str, weights: str | None) -> Volume:
 
 
 def _make(values: Any, weights: Any, spacing: Any, origin: Any, direction: Any, fields: Any) -> Volume:
-    return Volume(_of_arrays(values, weights, spacing, origin, direction, fields))
+    return Volume._of(_of_arrays(values, weights, spacing, origin, direction, fields))

@@ -18,12 +18,17 @@ struct Keywords {
 /// # Errors
 /// [`Failure`] names the keyword, its value and the values that it takes.
 pub(crate) fn parse(keywords: &[(String, String)]) -> Result<Flags, Failure> {
+    parse_as::<Keywords>(keywords).map(|parsed| parsed.flags)
+}
+
+/// Parses keywords as flags of a command.
+pub(in crate::cli) fn parse_as<P: Parser>(keywords: &[(String, String)]) -> Result<P, Failure> {
     let is_name = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
     if let Some((name, _)) = keywords.iter().find(|(name, _)| !is_name(name)) {
         return Err(Failure(format!("{name:?}: is no keyword; give letters, digits and _")));
     }
     let words = keywords.iter().map(|(name, value)| format!("--{}={value}", name.replace('_', "-")));
-    let parsed = Keywords::try_parse_from(words).map_err(|error| {
+    P::try_parse_from(words).map_err(|error| {
         let text = error.render().to_string();
         // The usage and the tips that follow are those of a command line.
         let sentence = text.split("\n\nUsage").next().unwrap_or(&text);
@@ -33,6 +38,5 @@ pub(crate) fn parse(keywords: &[(String, String)]) -> Result<Flags, Failure> {
             ErrorKind::UnknownArgument => Failure(format!("{sentence}; check the keyword's name")),
             _ => Failure(sentence.split_whitespace().collect::<Vec<_>>().join(" ")),
         }
-    })?;
-    Ok(parsed.flags)
+    })
 }
