@@ -6,10 +6,30 @@ import sys
 
 from numpydoc.validate import validate
 
-MODULES = ("sonoweave", "sonoweave.errors", "sonoweave.live", "sonoweave.bridges", "sonoweave.plotting")
+MODULES = (
+    "sonoweave",
+    "sonoweave.errors",
+    "sonoweave.live",
+    "sonoweave.bridges",
+    "sonoweave.plotting",
+)
 #: Rules that hold nowhere here: summaries may end without "See also" and examples, classes document
 #: their parameters once, and shapes are part of the types.
-LEFT_OUT = {"ES01", "EX01", "SA01", "GL01", "GL02", "GL03", "PR06", "PR08", "PR09", "RT03", "RT05", "SS06", "YD01"}
+LEFT_OUT = {
+    "ES01",
+    "EX01",
+    "SA01",
+    "GL01",
+    "GL02",
+    "GL03",
+    "PR06",
+    "PR08",
+    "PR09",
+    "RT03",
+    "RT05",
+    "SS06",
+    "YD01",
+}
 
 
 def names():
@@ -23,7 +43,9 @@ def names():
             yield f"{module}.{name}"
             if inspect.isclass(thing):
                 for member, value in vars(thing).items():
-                    if not member.startswith("_") and (callable(value) or isinstance(value, (property, classmethod))):
+                    if not member.startswith("_") and (
+                        callable(value) or isinstance(value, (property, classmethod))
+                    ):
                         yield f"{module}.{name}.{member}"
 
 

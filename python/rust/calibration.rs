@@ -23,6 +23,12 @@ impl PyCalibration {
         Ok(Self(read.map_err(|error| errors::raise(py, error))?))
     }
 
+    /// Calibrates a probe. Returns the report, as JSON.
+    #[staticmethod]
+    fn of_probe(py: Python<'_>, keywords: Vec<(String, String)>) -> PyResult<String> {
+        py.detach(|| LibraryCalibration::of_probe(&keywords)).map_err(|error| errors::raise(py, error))
+    }
+
     /// Names of the constant transforms: from, to.
     #[getter]
     fn names(&self) -> Vec<(String, String)> {

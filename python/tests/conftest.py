@@ -9,7 +9,6 @@ import subprocess
 
 import numpy as np
 import pytest
-
 import sonoweave
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -46,12 +45,22 @@ def recordings() -> pathlib.Path:
 class Reconstructed:
     """A volume that the program has written, and its report."""
 
-    def __init__(self, program: str, sweep: pathlib.Path, folder: pathlib.Path, *flags: str) -> None:
+    def __init__(
+        self, program: str, sweep: pathlib.Path, folder: pathlib.Path, *flags: str
+    ) -> None:
         self.path = folder / "volume.mha"
         self.weights_path = folder / "weights.mha"
-        outputs = ["-o", self.path, "--weights", self.weights_path, f"--json={folder / 'report.json'}"]
+        outputs = [
+            "-o",
+            self.path,
+            "--weights",
+            self.weights_path,
+            f"--json={folder / 'report.json'}",
+        ]
         subprocess.run(
-            [program, "reconstruct", sweep, *outputs, "--type", "f32", *flags], check=True, capture_output=True
+            [program, "reconstruct", sweep, *outputs, "--type", "f32", *flags],
+            check=True,
+            capture_output=True,
         )
         self.report = json.loads((folder / "report.json").read_text())
 

@@ -6,7 +6,6 @@ import pickle
 
 import numpy as np
 import pytest
-
 from sonoweave import Calibration, CalibrationError, InputError, Reconstructor, Sequence, Volume
 
 TOML = """format = "sonoweave-calibration"
@@ -73,7 +72,9 @@ def test_array_without_copy_is_refused(volume) -> None:
 
 def test_place_is_that_of_the_arrays(volume) -> None:
     assert volume.origin == (1, 2, 3) and volume.spacing == (0.5, 0.6, 0.7)
-    assert np.allclose(volume.world_from_volume @ [2, 3, 4, 1], [1 + 2 * 0.5, 2 + 3 * 0.6, 3 + 4 * 0.7, 1])
+    assert np.allclose(
+        volume.world_from_volume @ [2, 3, 4, 1], [1 + 2 * 0.5, 2 + 3 * 0.6, 3 + 4 * 0.7, 1]
+    )
     turned = Volume.from_arrays(np.ones((2, 2, 2)), direction=[[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     assert np.allclose(turned.world_from_volume @ [1, 0, 0, 1], [0, 1, 0, 1])
 
@@ -83,7 +84,9 @@ def test_unseen_is_zero_with_weight_zero() -> None:
     volume = Volume.from_arrays(values)
     assert volume.values().tolist() == [[[1, 0, 3]]] and volume.weights().tolist() == [[[1, 0, 1]]]
     volume = Volume.from_arrays([[[1.0, 2, 3]]], [[[0.0, 2, 0.5]]])
-    assert volume.values().tolist() == [[[0, 2, 3]]] and volume.weights().tolist() == [[[0, 2, 0.5]]]
+    assert volume.values().tolist() == [[[0, 2, 3]]] and volume.weights().tolist() == [
+        [[0, 2, 0.5]]
+    ]
 
 
 def test_volume_of_arrays_is_written_and_read(volume, tmp_path) -> None:
@@ -99,9 +102,17 @@ def test_frames_of_any_layout_are_copied() -> None:
     frames = np.random.default_rng(1).integers(0, 255, (4, 30, 20), np.uint16)
     poses = np.tile(np.diag([0.5, 0.5, 0.5, 1]), (4, 1, 1))
     poses[:, 2, 3] = range(4)
-    for layout in (frames, frames.astype(">u2"), np.asfortranarray(frames), frames[:, ::-1][:, ::-1]):
+    for layout in (
+        frames,
+        frames.astype(">u2"),
+        np.asfortranarray(frames),
+        frames[:, ::-1][:, ::-1],
+    ):
         sequence = Sequence.from_arrays(layout, poses, [0, 0.1, 0.2, 0.3])
-        assert all(np.array_equal(a, b) and a.dtype == np.uint16 for a, b in zip(sequence, frames, strict=True))
+        assert all(
+            np.array_equal(a, b) and a.dtype == np.uint16
+            for a, b in zip(sequence, frames, strict=True)
+        )
     frames_before, frames[:] = frames.copy(), 0
     assert np.array_equal(sequence[2], frames_before[2])
     assert np.array_equal(sequence.poses, poses) and sequence.times.tolist() == [0, 0.1, 0.2, 0.3]
@@ -121,12 +132,16 @@ def test_pickled_objects_are_equal(sweep, tmp_path, grown) -> None:
     sequence = Sequence.open(sweep, frames=slice(5, 20))
     again = pickle.loads(pickle.dumps(sequence))
     assert np.array_equal(again.poses, sequence.poses) and np.array_equal(again[3], sequence[3])
-    arrays = Sequence.from_arrays(np.stack([sequence[0], sequence[1]]), sequence.poses[:2], [1.5, 2.5])
+    arrays = Sequence.from_arrays(
+        np.stack([sequence[0], sequence[1]]), sequence.poses[:2], [1.5, 2.5]
+    )
     again = pickle.loads(pickle.dumps(arrays))
     assert np.array_equal(again[1], arrays[1]) and again.times.tolist() == [1.5, 2.5]
     (tmp_path / "calibration.toml").write_text(TOML)
     calibration = Calibration.read(tmp_path / "calibration.toml")
-    assert np.array_equal(pickle.loads(pickle.dumps(calibration)).probe_from_image, calibration.probe_from_image)
+    assert np.array_equal(
+        pickle.loads(pickle.dumps(calibration)).probe_from_image, calibration.probe_from_image
+    )
     for volume in (grown.snapshot(), Volume.from_arrays(np.ones((2, 3, 4)), spacing=(1, 2, 3))):
         again = pickle.loads(pickle.dumps(volume))
         assert np.array_equal(again.values(), volume.values())

@@ -6,16 +6,24 @@ import pathlib
 
 import numpy as np
 import pytest
-from conftest import Reconstructed
-
 import sonoweave
+from conftest import Reconstructed
 from sonoweave import Reconstructor, Sequence, Volume
 
 #: Recordings of PLUS and their configurations.
 RECORDINGS = [
-    ("freehand/SpinePhantomFreehand.igs.mha", "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml"),
-    ("freehand/NwirePhantomFreehand.igs.mha", "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml"),
-    ("freehand/NwirePhantomFreehand.igs.nrrd", "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml"),
+    (
+        "freehand/SpinePhantomFreehand.igs.mha",
+        "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml",
+    ),
+    (
+        "freehand/NwirePhantomFreehand.igs.mha",
+        "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml",
+    ),
+    (
+        "freehand/NwirePhantomFreehand.igs.nrrd",
+        "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml",
+    ),
 ]
 SETTINGS = [
     {},
@@ -40,7 +48,9 @@ def flags(settings: dict[str, object]) -> list[str]:
     return [f"--{name.replace('_', '-')}={text(value)}" for name, value in settings.items()]
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: "-".join(settings) or "defaults")
+@pytest.mark.parametrize(
+    "settings", SETTINGS, ids=lambda settings: "-".join(settings) or "defaults"
+)
 def test_insert_all_has_command_lines_bits(program, sweep, tmp_path, settings) -> None:
     written = Reconstructed(program, sweep, tmp_path, *flags(settings))
     reconstructor = Reconstructor(**settings)
@@ -75,8 +85,12 @@ def test_insert_loop_has_command_lines_bits(program, sweep, tmp_path, clip) -> N
     assert len(touched[-1]) > 0
 
 
-@pytest.mark.parametrize(("recording", "config"), RECORDINGS, ids=lambda path: pathlib.Path(path).stem)
-def test_recordings_have_command_lines_bits(program, recordings, tmp_path, recording, config) -> None:
+@pytest.mark.parametrize(
+    ("recording", "config"), RECORDINGS, ids=lambda path: pathlib.Path(path).stem
+)
+def test_recordings_have_command_lines_bits(
+    program, recordings, tmp_path, recording, config
+) -> None:
     recording, config = recordings / recording, recordings / config
     settings = {"spacing": 1.0}
     written = Reconstructed(program, recording, tmp_path, "--config", str(config), *flags(settings))
@@ -92,7 +106,9 @@ def test_written_file_is_command_lines_byte_for_byte(program, sweep, tmp_path) -
     written = Reconstructed(program, sweep, tmp_path)
     reconstructor = Reconstructor()
     reconstructor.insert_all(Sequence.open(sweep))
-    report = reconstructor.snapshot().write(tmp_path / "again.mha", type="f32", weights=tmp_path / "again-weights.mha")
+    report = reconstructor.snapshot().write(
+        tmp_path / "again.mha", type="f32", weights=tmp_path / "again-weights.mha"
+    )
     assert (tmp_path / "again.mha").read_bytes() == written.path.read_bytes()
     assert (tmp_path / "again-weights.mha").read_bytes() == written.weights_path.read_bytes()
     assert report is not None and report["frames"] == written.report["frames"]
@@ -111,8 +127,11 @@ def test_frames_in_part_are_those_of_the_command_line(program, sweep, tmp_path) 
 
 
 def test_two_sequences_are_one_after_the_other(sweep) -> None:
-    parts, whole = Reconstructor(clip="none", path="general"), Reconstructor(clip="none", path="general")
-    for frames in (range(0, 25), range(25, 60)):
+    parts, whole = (
+        Reconstructor(clip="none", path="general"),
+        Reconstructor(clip="none", path="general"),
+    )
+    for frames in (range(25), range(25, 60)):
         parts.insert_all(Sequence.open(sweep, frames=frames))
     whole.insert_all(Sequence.open(sweep))
     assert np.array_equal(parts.snapshot().values(), whole.snapshot().values())
@@ -122,7 +141,7 @@ def test_two_sequences_are_one_after_the_other(sweep) -> None:
 
 def test_snapshot_does_not_follow(sweep) -> None:
     reconstructor = Reconstructor(clip="none")
-    reconstructor.insert_all(Sequence.open(sweep, frames=range(0, 20)))
+    reconstructor.insert_all(Sequence.open(sweep, frames=range(20)))
     snapshot = reconstructor.snapshot()
     before = snapshot.values()
     reconstructor.insert_all(Sequence.open(sweep, frames=range(20, 60)))
@@ -131,20 +150,20 @@ def test_snapshot_does_not_follow(sweep) -> None:
     assert reconstructor.snapshot().weights().sum() > snapshot.weights().sum()
 
 
-@pytest.mark.parametrize("name", ["v.mha", "v.mhd", "v.nrrd", "v.nhdr", "v.nii", "v.nii.gz", "v.ome.zarr"])
+@pytest.mark.parametrize(
+    "name", ["v.mha", "v.mhd", "v.nrrd", "v.nhdr", "v.nii", "v.nii.gz", "v.ome.zarr"]
+)
 def test_written_formats_read_back_to_same_values(grown, tmp_path, name) -> None:
     volume = grown.snapshot()
-    volume.write(tmp_path / name, type="f32", weights=None if name.endswith("zarr") else tmp_path / "w.mha")
-    again = Volume.open(tmp_path / name, weights=None if name.endswith("zarr") else None)
+    weights = None if name.endswith("zarr") else tmp_path / name.replace("v.", "w.")
+    volume.write(tmp_path / name, type="f32", weights=weights)
+    again = Volume.open(tmp_path / name, weights=weights)
     # OME-Zarr has whole shards; both have the voxels in the same places.
     shift = np.rint((np.array(volume.origin) - again.origin) / volume.spacing).astype(int)[::-1]
     box = tuple(slice(at, at + n) for at, n in zip(shift, volume.shape, strict=True))
-    if name.endswith("zarr"):
-        assert np.array_equal(again[box], volume.values())
-        assert np.array_equal(again.weights(box), volume.weights())
-    else:
-        assert again.shape == volume.shape
-        assert np.array_equal(again.values(), volume.values())
+    assert name.endswith("zarr") or again.shape == volume.shape
+    assert np.array_equal(again[box], volume.values())
+    assert np.array_equal(again.weights(box), volume.weights())
     assert np.allclose(again.world_from_volume[:3, :3], volume.world_from_volume[:3, :3], atol=1e-6)
 
 
@@ -156,5 +175,7 @@ def test_dicom_is_written(grown, tmp_path) -> None:
 def test_version_is_the_programs(program) -> None:
     import subprocess
 
-    printed = subprocess.run([program, "--version"], check=True, capture_output=True, text=True).stdout
+    printed = subprocess.run(
+        [program, "--version"], check=True, capture_output=True, text=True
+    ).stdout
     assert sonoweave.__version__ in printed

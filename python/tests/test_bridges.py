@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from sonoweave import Sequence, Volume
 
 
@@ -12,14 +11,19 @@ from sonoweave import Sequence, Volume
 def volume() -> Volume:
     values = np.random.default_rng(5).random((70, 9, 11), np.float32) + 1
     direction = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    return Volume.from_arrays(values, spacing=(0.5, 0.6, 0.7), origin=(1, 2, 3), direction=direction)
+    return Volume.from_arrays(
+        values, spacing=(0.5, 0.6, 0.7), origin=(1, 2, 3), direction=direction
+    )
 
 
 def test_sitk_image_has_same_places(volume) -> None:
     sitk = pytest.importorskip("SimpleITK")
     image = volume.to_sitk()
     assert np.array_equal(sitk.GetArrayFromImage(image), volume.values())
-    assert np.allclose(image.TransformIndexToPhysicalPoint((3, 4, 5)), (volume.world_from_volume @ [3, 4, 5, 1])[:3])
+    assert np.allclose(
+        image.TransformIndexToPhysicalPoint((3, 4, 5)),
+        (volume.world_from_volume @ [3, 4, 5, 1])[:3],
+    )
 
 
 def test_nibabel_image_is_that_of_our_file(volume, tmp_path) -> None:
@@ -34,7 +38,9 @@ def test_xarray_volume_is_lazy_and_has_places(volume, monkeypatch) -> None:
     pytest.importorskip("xarray")
     read = []
     real = type(volume)._read
-    monkeypatch.setattr(type(volume), "_read", lambda self, ranges: read.append(ranges) or real(self, ranges))
+    monkeypatch.setattr(
+        type(volume), "_read", lambda self, ranges: read.append(ranges) or real(self, ranges)
+    )
     data = volume.to_xarray()
     assert not read and data["value"].dims == ("z", "y", "x")
     part = data["value"][65:68, 2].compute()
@@ -72,7 +78,10 @@ def test_plot_has_path_planes_and_residuals(sweep) -> None:
     reconstructor.insert_all(sequence)
     volume = reconstructor.snapshot()
     figure = plot(sequence, volume, every=10)
-    assert [axes.get_title() for axes in figure.axes][1:] == ["planes through the volume", "residuals"]
+    assert [axes.get_title() for axes in figure.axes][1:] == [
+        "planes through the volume",
+        "residuals",
+    ]
     path = figure.axes[0].get_lines()[0].get_data_3d()
     middle = sequence.poses @ [sequence[0].shape[1] / 2, 0, 0, 1]
     assert np.allclose(np.array(path).T, middle[:, :3])

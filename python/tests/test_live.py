@@ -8,15 +8,24 @@ import subprocess
 from collections.abc import Iterator
 
 import pytest
-
 from sonoweave import InputError, live
 
 
 @pytest.fixture(scope="module")
 def session(program, tmp_path_factory) -> Iterator[live.Session]:
     folder = tmp_path_factory.mktemp("demo")
-    command = [program, "demo", "--headless", "--console=127.0.0.1:0", "-o", folder, "--duration=60"]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder)
+    command = [
+        program,
+        "demo",
+        "--headless",
+        "--console=127.0.0.1:0",
+        "-o",
+        folder,
+        "--duration=60",
+    ]
+    child = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder
+    )
     try:
         address = None
         for line in child.stdout:
@@ -35,9 +44,9 @@ def test_session_is_described(session) -> None:
     assert session.about()
     status = session.wait(30, used=10)
     frames = status["frames"]
-    assert frames["total"] == frames["used"] + frames["waiting"] + sum(frames["refused"].values()) + sum(
-        frames.get("dropped", {}).values()
-    )
+    assert frames["total"] == frames["used"] + frames["waiting"] + sum(
+        frames["refused"].values()
+    ) + sum(frames.get("dropped", {}).values())
 
 
 def test_pictures_are_png(session) -> None:

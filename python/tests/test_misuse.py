@@ -7,8 +7,15 @@ import random
 
 import numpy as np
 import pytest
-
-from sonoweave import FrameRefused, InputError, MemoryLimit, Reconstructor, Sequence, SonoweaveError, Volume
+from sonoweave import (
+    FrameRefused,
+    InputError,
+    MemoryLimit,
+    Reconstructor,
+    Sequence,
+    SonoweaveError,
+    Volume,
+)
 
 #: Number of random sets of arguments.
 CASES = int(os.environ.get("SONOWEAVE_PYTHON_CASES", "10000"))
@@ -25,7 +32,12 @@ def of(pose: np.ndarray, place: tuple[int, int], value: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("frame", "pose", "raised", "text"),
     [
-        (FRAME.astype(np.int8), POSE, TypeError, "frame: must be of type uint8, uint16, float32, not int8"),
+        (
+            FRAME.astype(np.int8),
+            POSE,
+            TypeError,
+            "frame: must be of type uint8, uint16, float32, not int8",
+        ),
         (FRAME.astype(np.float64), POSE, TypeError, "not float64"),
         (FRAME.astype(bool), POSE, TypeError, "not of bool"),
         (FRAME.astype(complex), POSE, TypeError, "not of complex128"),
@@ -35,7 +47,12 @@ def of(pose: np.ndarray, place: tuple[int, int], value: float) -> np.ndarray:
         (FRAME[0], POSE, InputError, r"\(height, width\), not \(30,\)"),
         (FRAME[np.newaxis], POSE, InputError, r"not \(1, 40, 30\)"),
         (FRAME[:0], POSE, InputError, r"not \(0, 30\)"),
-        (FRAME, POSE[:3], InputError, r"world_from_image: must have the shape \(4, 4\), not \(3, 4\)"),
+        (
+            FRAME,
+            POSE[:3],
+            InputError,
+            r"world_from_image: must have the shape \(4, 4\), not \(3, 4\)",
+        ),
         (FRAME, POSE[np.newaxis], InputError, r"not \(1, 4, 4\)"),
         (FRAME, of(POSE, (0, 3), np.nan), InputError, r"must be finite, and is nan at \[0, 3\]"),
         (FRAME, of(POSE, (2, 2), np.inf), InputError, r"is inf at \[2, 2\]"),
@@ -52,7 +69,9 @@ def test_wrong_argument_is_named_and_changes_nothing(grown, frame, pose, raised,
         grown.insert(frame, pose)
     assert np.array_equal(grown.snapshot().values(), before)
     if raised is FrameRefused:
-        assert error.value.item == 5 and grown.ledger["frames"]["refused"] == {error.value.reason: 1}
+        assert error.value.item == 5 and grown.ledger["frames"]["refused"] == {
+            error.value.reason: 1
+        }
     else:
         assert grown.ledger == ledger
 
@@ -117,7 +136,11 @@ def test_memory_limit_keeps_frames_before() -> None:
             used += 1
     assert used > 0 and isinstance(MemoryLimit(""), MemoryError)
     frames = reconstructor.ledger["frames"]
-    assert frames["used"] == used and frames["refused"] == {"volume_full": 1} and frames["waiting"] == 0
+    assert (
+        frames["used"] == used
+        and frames["refused"] == {"volume_full": 1}
+        and frames["waiting"] == 0
+    )
     assert reconstructor.snapshot().weights().any()
 
 
@@ -151,28 +174,97 @@ def test_missing_calibration_names_frames(recordings) -> None:
 
 def junk(random: random.Random) -> object:
     """Return something, rarely of use."""
-    shapes = [(), (0,), (4,), (4, 4), (3, 4), (40, 30), (1, 40, 30), (2, 40, 30), (2, 4, 4), (0, 0), (1, 1)]
-    kinds = "u1 u2 u4 u8 i1 i2 i4 i8 f2 f4 f8 >u2 >f4 c8 ? O S3 U2 M8[s] m8[s]".split()
+    shapes = [
+        (),
+        (0,),
+        (4,),
+        (4, 4),
+        (3, 4),
+        (40, 30),
+        (1, 40, 30),
+        (2, 40, 30),
+        (2, 4, 4),
+        (0, 0),
+        (1, 1),
+    ]
+    kinds = [
+        "u1",
+        "u2",
+        "u4",
+        "u8",
+        "i1",
+        "i2",
+        "i4",
+        "i8",
+        "f2",
+        "f4",
+        "f8",
+        ">u2",
+        ">f4",
+        "c8",
+        "?",
+        "O",
+        "S3",
+        "U2",
+        "M8[s]",
+        "m8[s]",
+    ]
 
     def array() -> object:
         return np.zeros(random.choice(shapes), random.choice(kinds))
 
-    numbers = [0, 1, -1, 2**31, 2**63, 2**70, -(2**70), 0.5, float("nan"), float("inf"), -0.0, 1e308, 5e-324]
-    texts = ["", "auto", "none", "\0", "é" * 40, "--help", "0,0,0", "1..2", "nan", "\ud800", "/", ".", "/dev/null"]
+    numbers = [
+        0,
+        1,
+        -1,
+        2**31,
+        2**63,
+        2**70,
+        -(2**70),
+        0.5,
+        float("nan"),
+        float("inf"),
+        -0.0,
+        1e308,
+        5e-324,
+    ]
+    texts = [
+        "",
+        "auto",
+        "none",
+        "\0",
+        "é" * 40,
+        "--help",
+        "0,0,0",
+        "1..2",
+        "nan",
+        "\ud800",
+        "/",
+        ".",
+        "/dev/null",
+    ]
     choices = [
         array,
         array,
-        lambda: array() if random.random() < 0.5 else np.full((4, 4), random.choice(numbers), object),
+        lambda: (
+            array() if random.random() < 0.5 else np.full((4, 4), random.choice(numbers), object)
+        ),
         lambda: random.choice(numbers),
         lambda: random.choice(texts),
         lambda: [random.choice(numbers) for _ in range(random.randrange(18))],
         lambda: {random.choice(texts): random.choice(numbers)},
-        lambda: random.choice([None, True, b"", object(), print, slice(None, 3), slice(3, 1, -1), range(2), ...]),
+        lambda: random.choice(
+            [None, True, b"", object(), print, slice(None, 3), slice(3, 1, -1), range(2), ...]
+        ),
         lambda: FRAME,
         lambda: POSE,
         lambda: np.stack([FRAME, FRAME]),
         lambda: np.random.default_rng(1).random((40, 30), np.float32),
-        lambda: of(POSE, (random.randrange(4), random.randrange(4)), random.choice([-1e300, 1e-300, 3.5, np.nan])),
+        lambda: of(
+            POSE,
+            (random.randrange(4), random.randrange(4)),
+            random.choice([-1e300, 1e-300, 3.5, np.nan]),
+        ),
     ]
     return random.choice(choices)()
 
@@ -184,9 +276,22 @@ def test_random_arguments_raise_documented_exceptions(grown, tmp_path, monkeypat
     volume = grown.snapshot()
     before, bits = volume.values(), grown.snapshot().values()
     used = grown.ledger["frames"]["used"]
-    names = ["spacing", "method", "sigma", "clip", "threads", "memory", "frames", "fan", "origin", "size", "x y", ""]
-    some = lambda: junk(chance)  # noqa: E731
-    keywords = lambda: {chance.choice(names): junk(chance) for _ in range(chance.randrange(3))}  # noqa: E731
+    names = [
+        "spacing",
+        "method",
+        "sigma",
+        "clip",
+        "threads",
+        "memory",
+        "frames",
+        "fan",
+        "origin",
+        "size",
+        "x y",
+        "",
+    ]
+    some = lambda: junk(chance)
+    keywords = lambda: {chance.choice(names): junk(chance) for _ in range(chance.randrange(3))}
     sequence = Sequence.from_arrays(np.stack([FRAME, FRAME]), np.stack([POSE, POSE]))
     calls = [
         lambda: grown.insert(some(), some()),
@@ -194,15 +299,21 @@ def test_random_arguments_raise_documented_exceptions(grown, tmp_path, monkeypat
         lambda: grown.insert_all(some(), progress=some()),
         lambda: Reconstructor(**keywords()),
         lambda: Sequence.from_arrays(some(), some(), some(), name=some()),
-        lambda: Sequence.open(some(), **{chance.choice(["config", "frames", "image_to_probe", "world"]): some()}),
+        lambda: Sequence.open(
+            some(), **{chance.choice(["config", "frames", "image_to_probe", "world"]): some()}
+        ),
         lambda: sequence[some()],
         lambda: volume[some()],
         lambda: volume[some(), some()],
         lambda: volume.weights(some()),
         lambda: Volume.from_arrays(some(), some()),
-        lambda: Volume.from_arrays(np.ones((2, 2, 2)), spacing=some(), origin=some(), direction=some()),
+        lambda: Volume.from_arrays(
+            np.ones((2, 2, 2)), spacing=some(), origin=some(), direction=some()
+        ),
         lambda: Volume.open(some(), weights=some(), memory=some()),
-        lambda: volume.write(some(), **{chance.choice(["type", "window", "unseen", "fill", "size"]): some()}),
+        lambda: volume.write(
+            some(), **{chance.choice(["type", "window", "unseen", "fill", "size"]): some()}
+        ),
     ]
     raised: dict[str, int] = {}
     for _ in range(CASES):
@@ -218,5 +329,9 @@ def test_random_arguments_raise_documented_exceptions(grown, tmp_path, monkeypat
         if now == used:
             continue
         used, bits = now, grown.snapshot().values()
-    assert np.array_equal(grown.snapshot().values(), bits) and np.array_equal(volume.values(), before)
-    assert sum(raised.values()) > CASES // 2 and {"InputError", "TypeError", "FrameRefused"} <= set(raised), raised
+    assert np.array_equal(grown.snapshot().values(), bits) and np.array_equal(
+        volume.values(), before
+    )
+    assert sum(raised.values()) > CASES // 2 and {"InputError", "TypeError", "FrameRefused"} <= set(
+        raised
+    ), raised

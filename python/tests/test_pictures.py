@@ -8,7 +8,6 @@ import zlib
 
 import numpy as np
 import pytest
-
 import sonoweave
 from sonoweave import InputError, Reconstructor, Sequence
 
@@ -68,7 +67,15 @@ def test_picture_is_command_lines(program, sweep, tmp_path, call, settings, flag
     reconstructor.insert_all(Sequence.open(sweep))
     volume = reconstructor.snapshot()
     volume.write(tmp_path / "v.mha", type="f32", weights=tmp_path / "w.mha")
-    drawn = [program, "render", tmp_path / "v.mha", "--weights", tmp_path / "w.mha", "-o", tmp_path / "p.png"]
+    drawn = [
+        program,
+        "render",
+        tmp_path / "v.mha",
+        "--weights",
+        tmp_path / "w.mha",
+        "-o",
+        tmp_path / "p.png",
+    ]
     subprocess.run([*drawn, "--image-size=160x140", *flags], check=True, capture_output=True)
     expected = png((tmp_path / "p.png").read_bytes())
     of_file = sonoweave.Volume.open(tmp_path / "v.mha", weights=tmp_path / "w.mha")
@@ -81,7 +88,11 @@ def test_picture_is_command_lines(program, sweep, tmp_path, call, settings, flag
 
 def test_wrong_setting_of_picture_is_named(grown) -> None:
     volume = grown.snapshot()
-    for settings, text in (({"mode": "magic"}, "mode"), ({"size": (1, 2, 3)}, "size"), ({"draw": "probe"}, "draw")):
+    for settings, text in (
+        ({"mode": "magic"}, "mode"),
+        ({"size": (1, 2, 3)}, "size"),
+        ({"draw": "probe"}, "draw"),
+    ):
         with pytest.raises(InputError, match=text):
             sonoweave.render(volume, **settings)
     with pytest.raises(InputError, match="at"):

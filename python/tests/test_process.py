@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-
 from sonoweave import Reconstructor, Sequence, SonoweaveError, Volume
 
 
@@ -92,7 +91,11 @@ def test_interrupt_ends_run_and_keeps_volume(long_sweep) -> None:
         reconstructor.insert_all(long_sweep)
     assert time.perf_counter() - began < 2.0
     frames = reconstructor.ledger["frames"]
-    assert 0 < frames["used"] < len(long_sweep) and frames["used"] == frames["total"] and frames["waiting"] == 0
+    assert (
+        0 < frames["used"] < len(long_sweep)
+        and frames["used"] == frames["total"]
+        and frames["waiting"] == 0
+    )
     used = frames["used"]
     assert reconstructor.snapshot().weights().any()
     # It goes on.
@@ -120,9 +123,13 @@ def test_interrupted_volume_is_that_of_its_frames(long_sweep) -> None:
 def test_progress_is_called_and_ends_with_all(long_sweep) -> None:
     calls: list[tuple[int, int]] = []
     began = time.perf_counter()
-    Reconstructor(spacing=0.5, clip="none", threads=1).insert_all(long_sweep, progress=lambda *call: calls.append(call))
+    Reconstructor(spacing=0.5, clip="none", threads=1).insert_all(
+        long_sweep, progress=lambda *call: calls.append(call)
+    )
     seconds = time.perf_counter() - began
-    assert calls[-1] == (400, 400) and [done for done, _ in calls] == sorted(done for done, _ in calls)
+    assert calls[-1] == (400, 400) and [done for done, _ in calls] == sorted(
+        done for done, _ in calls
+    )
     assert 2 <= len(calls) <= 10 * seconds + 2
 
 
@@ -163,9 +170,15 @@ def test_child_process_has_same_bits(sweep, method) -> None:
     assert there.get() == here.get()
 
 
-def try_parents(reconstructor: Reconstructor, sequence: Sequence, to: multiprocessing.SimpleQueue) -> None:
+def try_parents(
+    reconstructor: Reconstructor, sequence: Sequence, to: multiprocessing.SimpleQueue
+) -> None:
     """Send the text of the error for a reconstructor of the parent."""
-    calls = [reconstructor.snapshot, lambda: reconstructor.insert_all(sequence), lambda: reconstructor.ledger]
+    calls = [
+        reconstructor.snapshot,
+        lambda: reconstructor.insert_all(sequence),
+        lambda: reconstructor.ledger,
+    ]
     for call in calls:
         try:
             call()
@@ -198,7 +211,7 @@ def test_thousand_objects_leave_no_memory(sweep) -> None:
         for _ in range(count):
             Volume.from_arrays(values).values()
             Sequence.from_arrays(frames, poses)[1]
-            Sequence.open(sweep, frames=range(0, 4))
+            Sequence.open(sweep, frames=range(4))
             Reconstructor(threads=1)
         gc.collect()
 

@@ -12,9 +12,8 @@ import pathlib
 import sys
 from typing import Any
 
-from distributed import Client, LocalCluster, as_completed
-
 import sonoweave
+from distributed import Client, LocalCluster, as_completed
 
 
 def reconstruct(sequence: sonoweave.Sequence, settings: dict[str, Any], to: str) -> dict[str, Any]:
@@ -31,7 +30,10 @@ def reconstruct(sequence: sonoweave.Sequence, settings: dict[str, Any], to: str)
 def main(folder: str, *sweeps: str) -> None:
     """Distribute the sweeps, and print the results as they come."""
     settings = {"spacing": 1.0, "threads": 1}
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
         tasks = [
             client.submit(
                 reconstruct,

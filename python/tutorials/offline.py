@@ -16,7 +16,6 @@ matplotlib.use("agg")
 
 import matplotlib.image
 import numpy as np
-
 import sonoweave
 from sonoweave.plotting import plot
 
@@ -28,7 +27,9 @@ def main(sweep: str, folder: str = ".", config: str | None = None) -> None:
     print(f"{len(sequence)} frames in {sequence.world}, by {sequence.route}")
 
     reconstructor = sonoweave.Reconstructor(spacing=0.5)
-    ledger = reconstructor.insert_all(sequence, progress=lambda done, total: print(f"{done} of {total}"))
+    ledger = reconstructor.insert_all(
+        sequence, progress=lambda done, total: print(f"{done} of {total}")
+    )
     print(f"used {ledger['frames']['used']}, refused {ledger['frames']['refused']}")
 
     volume = reconstructor.snapshot()
@@ -42,7 +43,9 @@ def main(sweep: str, folder: str = ".", config: str | None = None) -> None:
     difference = np.abs(np.rint(volume.values()) - again[box]).max()
     print(f"largest difference of the 8-bit file to the rounded volume: {difference:.0f}")
 
-    matplotlib.image.imsave(out / "view.png", sonoweave.render(volume, mode="shaded", size=(512, 512)))
+    matplotlib.image.imsave(
+        out / "view.png", sonoweave.render(volume, mode="shaded", size=(512, 512))
+    )
     matplotlib.image.imsave(out / "planes.png", sonoweave.section(volume))
     plot(sequence, volume).savefig(out / "plot.png")
 

@@ -7,6 +7,7 @@ use config::{Kind, MAX_BYTES, Settings, kind_of};
 use sonoweave_core::keys::read_text;
 
 use super::LibraryError;
+use crate::cli::calibrate::probe::keywords::calibrate;
 
 /// A calibration file of ours, or a PLUS configuration.
 #[derive(Debug, Clone)]
@@ -26,6 +27,17 @@ pub struct LibraryCalibration {
 }
 
 impl LibraryCalibration {
+    /// Calibrates a probe by a phantom's wires, by the flags of `calibrate probe` as keywords, and
+    /// writes the requested files. Returns the command's report, as JSON.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when a keyword does not fit, or the recording does not determine the image
+    /// plane; nothing is written then.
+    pub fn of_probe(keywords: &[(String, String)]) -> Result<String, LibraryError> {
+        let path = keywords.iter().find(|(name, _)| name == "sequence").map_or("", |(_, value)| value);
+        calibrate(keywords).map_err(|failure| LibraryError::of_failure(Path::new(path), failure))
+    }
+
     /// Reads a file; `preset` chooses one of its presets.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ For research. Not a medical device. Not for diagnosis or treatment.
 
 from __future__ import annotations
 
+from ._calibrate import ProbeCalibration, calibrate_probe
 from ._calibration import Calibration
 from ._reconstructor import Reconstructor
 from ._render import render, section
@@ -19,11 +20,13 @@ __all__ = [
     "FrameRefused",
     "InputError",
     "MemoryLimit",
+    "ProbeCalibration",
     "Reconstructor",
     "Sequence",
     "SonoweaveError",
     "Volume",
     "__version__",
+    "calibrate_probe",
     "render",
     "section",
 ]

@@ -41,7 +41,9 @@ def _text(name: str, value: Any) -> str:
     if isinstance(value, (Iterable,)) and not isinstance(value, (bytes, Mapping)):
         parts = [_text(name, part) for part in value]
         return ("," if name != "image_to_probe" else " ").join(parts)
-    raise TypeError(f"{name}: must be a number, text or several numbers, not {type(value).__name__}")
+    raise TypeError(
+        f"{name}: must be a number, text or several numbers, not {type(value).__name__}"
+    )
 
 
 def memory_gib(value: float | str | None) -> float | None:
@@ -54,7 +56,9 @@ def memory_gib(value: float | str | None) -> float | None:
                 return float(value.removesuffix(unit)) * factor
             except ValueError:
                 break
-    raise InputError(f"memory: must be a number of GiB, or text such as '8GiB' or '512MiB', not {value!r}")
+    raise InputError(
+        f"memory: must be a number of GiB, or text such as '8GiB' or '512MiB', not {value!r}"
+    )
 
 
 def _array(name: str, value: Any) -> npt.NDArray[Any]:
@@ -74,7 +78,9 @@ def frames(name: str, value: Any, dimensions: int) -> npt.NDArray[Any]:
         form = "(N, height, width)" if dimensions == 3 else "(height, width)"
         raise InputError(f"{name}: must have the shape {form}, not {array.shape}")
     if array.dtype.newbyteorder("=") not in [np.dtype(pixel) for pixel in _PIXELS]:
-        raise TypeError(f"{name}: must be of type {', '.join(_PIXELS)}, not {array.dtype}; use astype")
+        raise TypeError(
+            f"{name}: must be of type {', '.join(_PIXELS)}, not {array.dtype}; use astype"
+        )
     return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
 
 

@@ -102,7 +102,10 @@ class Calibration:
             return transforms[names]
         if names[::-1] in transforms:
             return np.asarray(np.linalg.inv(transforms[names[::-1]]), np.float64)
-        raise CalibrationError(f"{self._path}: has no calibration of the probe; calibrate it, or choose a preset", names)
+        raise CalibrationError(
+            f"{self._path}: has no calibration of the probe; calibrate it, or choose a preset",
+            names,
+        )
 
     @property
     def latency(self) -> dict[str, float] | None:

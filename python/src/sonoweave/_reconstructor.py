@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence as SequenceOf
+from collections.abc import Callable
+from collections.abc import Sequence as SequenceOf
 from typing import Any
 
 import numpy as np
@@ -93,12 +94,18 @@ class Reconstructor:
             "max_memory": check.memory_gib(memory),
             "config": config,
         }
-        others = {name: value for name, value in settings.items() if name != "max_memory" or memory is None}
+        others = {
+            name: value
+            for name, value in settings.items()
+            if name != "max_memory" or memory is None
+        }
         self._native = Reconstruction(check.keywords(given | others))
 
     def __reduce__(self) -> Any:
         """Refuse to be pickled."""
-        raise TypeError("a Reconstructor cannot be pickled, as it has threads; pickle its settings, or a snapshot()")
+        raise TypeError(
+            "a Reconstructor cannot be pickled, as it has threads; pickle its settings, or a snapshot()"
+        )
 
     def insert(
         self, frame: npt.ArrayLike, world_from_image: npt.ArrayLike, *, time: float | None = None
@@ -132,7 +139,9 @@ class Reconstructor:
         pixels = check.frames("frame", frame, 2)
         pose = check.poses("world_from_image", world_from_image, 2)
         seconds = None if time is None else check.times("time", np.atleast_1d(np.asarray(time)), 1)
-        touched, refused, _ = self._native.insert(pixels[np.newaxis], pose[np.newaxis], None if seconds is None else seconds[0])
+        touched, refused, _ = self._native.insert(
+            pixels[np.newaxis], pose[np.newaxis], None if seconds is None else seconds[0]
+        )
         if refused:
             item, reason, sentence = refused[-1]
             raise FrameRefused(sentence, reason, item)
@@ -195,7 +204,9 @@ class Reconstructor:
                 bar.close()
         if refused == "raise" and ledger["first_refusals"]:
             first = min(ledger["first_refusals"].values(), key=lambda refusal: int(refusal["item"]))
-            raise FrameRefused(f"frame {first['item']}: {first['detail']}", first["reason"], first["item"])
+            raise FrameRefused(
+                f"frame {first['item']}: {first['detail']}", first["reason"], first["item"]
+            )
         return ledger
 
     def snapshot(self) -> Volume:
@@ -215,7 +226,9 @@ class Reconstructor:
         """
         native = self._native.snapshot()
         if native is None:
-            raise InputError("the volume is empty; insert frames before, and check the ledger for refused ones")
+            raise InputError(
+                "the volume is empty; insert frames before, and check the ledger for refused ones"
+            )
         return Volume._of(native)
 
     @property

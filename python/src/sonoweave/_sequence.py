@@ -93,7 +93,13 @@ class Sequence:
         """
         if image_to_probe is not None:
             image_to_probe = check.poses("image_to_probe", image_to_probe, 2).ravel().tolist()
-        given = {"config": config, "preset": preset, "image_to_probe": image_to_probe, "world": world, "frames": frames}
+        given = {
+            "config": config,
+            "preset": preset,
+            "image_to_probe": image_to_probe,
+            "world": world,
+            "frames": frames,
+        }
         keywords = check.keywords(given)
         name = check.path("path", path)
         return cls._of(Recording(name, keywords), ("_open", (name, keywords)))
@@ -140,7 +146,9 @@ class Sequence:
         pixels = check.frames("frames", frames, 3)
         poses = check.poses("world_from_image", world_from_image, 3)
         if len(poses) != len(pixels):
-            raise InputError(f"world_from_image: must have {len(pixels)} poses as frames, not {len(poses)}")
+            raise InputError(
+                f"world_from_image: must have {len(pixels)} poses as frames, not {len(poses)}"
+            )
         seconds = check.times("times", times, len(pixels))
         if not isinstance(name, str):
             raise TypeError(f"name: must be text, not {type(name).__name__}")
@@ -148,8 +156,13 @@ class Sequence:
         return cls._of(native, ("_of_frames", (name, pixels.copy(), poses.copy(), seconds)))
 
     @classmethod
-    def _of_frames(cls, name: str, pixels: Any, poses: Any, seconds: list[float] | None) -> Sequence:
-        return cls._of(Recording.of_frames(name, pixels, poses, seconds), ("_of_frames", (name, pixels, poses, seconds)))
+    def _of_frames(
+        cls, name: str, pixels: Any, poses: Any, seconds: list[float] | None
+    ) -> Sequence:
+        return cls._of(
+            Recording.of_frames(name, pixels, poses, seconds),
+            ("_of_frames", (name, pixels, poses, seconds)),
+        )
 
     def __reduce__(self) -> tuple[Any, tuple[str, tuple[Any, ...]]]:
         """Return what makes it again: path and options, or the arrays."""
@@ -168,7 +181,9 @@ class Sequence:
         try:
             number = operator.index(index)
         except TypeError:
-            raise TypeError(f"a frame's number must be an integer, not {type(index).__name__}") from None
+            raise TypeError(
+                f"a frame's number must be an integer, not {type(index).__name__}"
+            ) from None
         count = len(self)
         if not -count <= number < count:
             raise IndexError(f"frame {number} is not among the {count} frames")

@@ -1,14 +1,14 @@
 from collections.abc import Callable
 from os import PathLike
-from typing import Any, Final, final
+from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 import numpy.typing as npt
 
-_Path = str | PathLike[str]
-_Keywords = list[tuple[str, str]]
+_Path: TypeAlias = str | PathLike[str]
+_Keywords: TypeAlias = list[tuple[str, str]]
 
-__all__ = ["VERSION", "Calibration", "Recording", "Reconstruction", "Volume"]
+__all__ = ["VERSION", "Calibration", "Reconstruction", "Recording", "Volume"]
 
 VERSION: Final[str]
 
@@ -22,6 +22,8 @@ class Calibration:
     def matrices(self) -> npt.NDArray[np.float64]: ...
     @property
     def names(self) -> list[tuple[str, str]]: ...
+    @staticmethod
+    def of_probe(keywords: _Keywords) -> str: ...
     @property
     def presets(self) -> list[str]: ...
     @property
@@ -55,7 +57,9 @@ class Reconstruction:
         world_from_image: npt.NDArray[np.float64],
         time: float | None,
     ) -> tuple[npt.NDArray[np.int32], list[tuple[int, str, str]], int]: ...
-    def insert_all(self, recording: Recording, progress: Callable[[int, int], object] | None) -> str: ...
+    def insert_all(
+        self, recording: Recording, progress: Callable[[int, int], object] | None
+    ) -> str: ...
     def ledger(self) -> str: ...
     def snapshot(self) -> Volume | None: ...
 
@@ -84,7 +88,9 @@ class Volume:
     def picture(self, keywords: _Keywords) -> npt.NDArray[np.uint8]: ...
     @property
     def range(self) -> list[float]: ...
-    def read(self, ranges: list[list[int]]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
+    def read(
+        self, ranges: list[list[int]]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]: ...
     @property
     def recording(self) -> str | None: ...
     @property

@@ -228,7 +228,9 @@ class Volume:
         values: Floats = self._read(ranges)[0][steps][drop]
         return values
 
-    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
         """Return all values; a volume has no view, so that ``copy=False`` is refused."""
         if copy is False:
             raise ValueError("a volume is stored in bricks, of which an array is always a copy")
@@ -271,7 +273,9 @@ class Volume:
         for target in (name, beside):
             folder = os.path.dirname(target or "")
             if folder and not os.path.isdir(folder):
-                raise FileNotFoundError(2, "the folder does not exist; make it, or give another name", target)
+                raise FileNotFoundError(
+                    2, "the folder does not exist; make it, or give another name", target
+                )
         report = self._native.write(name, check.keywords(settings), beside)
         return None if report is None else json.loads(report)
 
@@ -354,12 +358,19 @@ class Volume:
 
 
 def _of_arrays(
-    values: Any, weights: Any, spacing: Any, origin: Any, direction: Any, fields: list[tuple[str, str]]
+    values: Any,
+    weights: Any,
+    spacing: Any,
+    origin: Any,
+    direction: Any,
+    fields: list[tuple[str, str]],
 ) -> _Native:
     grey = _voxels("values", values)
     heavy = None if weights is None else _voxels("weights", weights)
     if heavy is not None and heavy.shape != grey.shape:
-        raise InputError(f"weights: must have the shape of the values, {grey.shape}, not {heavy.shape}")
+        raise InputError(
+            f"weights: must have the shape of the values, {grey.shape}, not {heavy.shape}"
+        )
     axes = _numbers("direction", np.eye(3) if direction is None else direction, (3, 3)).T
     mm = _numbers("spacing", spacing, (3,))
     if not (mm > 0).all():
@@ -391,5 +402,7 @@ def _open(path: str, weights: str | None) -> Volume:
     return Volume.open(path, weights=weights)
 
 
-def _make(values: Any, weights: Any, spacing: Any, origin: Any, direction: Any, fields: Any) -> Volume:
+def _make(
+    values: Any, weights: Any, spacing: Any, origin: Any, direction: Any, fields: Any
+) -> Volume:
     return Volume._of(_of_arrays(values, weights, spacing, origin, direction, fields))

@@ -82,7 +82,10 @@ def volume_to_xarray(volume: Volume) -> xarray.Dataset:
         place = "xyz".index(axis)
         mm = volume.origin[place] + volume.spacing[place] * np.arange(count)
         coords[axis] = (axis, mm, {"units": "mm"})
-    variables = {"value": (("z", "y", "x"), lazy(volume)), "weight": (("z", "y", "x"), lazy(_Weights(volume)))}
+    variables = {
+        "value": (("z", "y", "x"), lazy(volume)),
+        "weight": (("z", "y", "x"), lazy(_Weights(volume))),
+    }
     attributes = {"affines": {"world": volume.world_from_volume}, "direction": volume.direction}
     return xarray.Dataset(variables, coords, attributes)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["SonoweaveError", "FrameRefused", "InputError", "MemoryLimit", "CalibrationError"]
+__all__ = ["CalibrationError", "FrameRefused", "InputError", "MemoryLimit", "SonoweaveError"]
 
 
 class SonoweaveError(Exception):

@@ -165,7 +165,9 @@ class Session:
     ) -> None:
         parts = urllib.parse.urlsplit(address)
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise InputError(f"address: must be http://HOST:PORT or https://HOST:PORT, not {address!r}")
+            raise InputError(
+                f"address: must be http://HOST:PORT or https://HOST:PORT, not {address!r}"
+            )
         if token is not None and not token.isprintable():
             raise InputError("token: must be printable text")
         self.address = f"{parts.scheme}://{parts.netloc}"
@@ -298,10 +300,14 @@ class Session:
             if int(status["frames"]["used"]) >= used:
                 return status
             if time.monotonic() > ends:
-                raise TimeoutError(f"{status['frames']['used']} of {used} frames were used within {seconds} s")
+                raise TimeoutError(
+                    f"{status['frames']['used']} of {used} frames were used within {seconds} s"
+                )
             time.sleep(0.05)
 
-    def stream(self, *, slice: bool = True, view: bool = True, reconnect: float = 30.0) -> Iterator[Picture]:
+    def stream(
+        self, *, slice: bool = True, view: bool = True, reconnect: float = 30.0
+    ) -> Iterator[Picture]:
         """Iterate over pictures as they come; needs websockets.
 
         A picture that is not taken in time is skipped for a newer one. A lost connection is made
@@ -336,7 +342,11 @@ class Session:
         while True:
             try:
                 with open_socket(
-                    address, additional_headers=self._headers(), ssl=context, open_timeout=self._timeout, max_size=None
+                    address,
+                    additional_headers=self._headers(),
+                    ssl=context,
+                    open_timeout=self._timeout,
+                    max_size=None,
                 ) as socket:
                     socket.send(show)
                     lost = None
@@ -344,12 +354,18 @@ class Session:
                         if isinstance(message, bytes):
                             picture = _picture(message)
                             yield picture
-                            shown = {"do": "shown", "kind": picture.kind, "sequence": picture.sequence}
+                            shown = {
+                                "do": "shown",
+                                "kind": picture.kind,
+                                "sequence": picture.sequence,
+                            }
                             socket.send(json.dumps(shown))
             except (OSError, ConnectionClosed) as error:
                 lost = lost or time.monotonic()
                 if time.monotonic() - lost > reconnect:
-                    raise ConnectionError(f"{self.address}: the connection is lost: {error}") from error
+                    raise ConnectionError(
+                        f"{self.address}: the connection is lost: {error}"
+                    ) from error
             else:
                 lost = lost or time.monotonic()
             time.sleep(0.2)
@@ -367,7 +383,9 @@ class Session:
             headers["Content-Type"], data = "application/json", json.dumps(body).encode()
         request = urllib.request.Request(self.address + route, data, headers)
         try:
-            with urllib.request.urlopen(request, timeout=self._timeout, context=self._context) as answer:
+            with urllib.request.urlopen(
+                request, timeout=self._timeout, context=self._context
+            ) as answer:
                 content: bytes = answer.read()
                 return content
         except urllib.error.HTTPError as error:
@@ -382,4 +400,12 @@ class Session:
 def _picture(message: bytes) -> Picture:
     """Split a message into its header and its picture."""
     kind, encoding, _, width, height, sequence, captured, _, frame = _HEADER.unpack_from(message)
-    return Picture(kind, _ENCODINGS[encoding], (width, height), sequence, captured, frame, message[_HEADER.size :])
+    return Picture(
+        kind,
+        _ENCODINGS[encoding],
+        (width, height),
+        sequence,
+        captured,
+        frame,
+        message[_HEADER.size :],
+    )

@@ -79,17 +79,26 @@ def plot(sequence: Sequence, volume: Volume, *, every: int = 5) -> Figure:
     figure = pyplot.figure(figsize=(15, 5), layout="constrained")
     path = figure.add_subplot(1, 3, 1, projection="3d")
     poses, (rows, columns) = sequence.poses, sequence[0].shape
-    corners = np.array([[0, columns, columns, 0, 0], [0, 0, rows, rows, 0], [0] * 5, [1] * 5], float)
+    corners = np.array(
+        [[0, columns, columns, 0, 0], [0, 0, rows, rows, 0], [0] * 5, [1] * 5], float
+    )
     middle = np.array([columns / 2, 0, 0, 1])
     path.plot(*(poses @ middle)[:, :3].T, color="tab:red", label="middle of the first row")
     for pose in poses[::every]:
         path.plot(*(pose @ corners)[:3], color="tab:blue", linewidth=0.5)
-    path.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm", title=f"{len(sequence)} frames in {sequence.world}")
+    path.set(
+        xlabel="x, mm",
+        ylabel="y, mm",
+        zlabel="z, mm",
+        title=f"{len(sequence)} frames in {sequence.world}",
+    )
     planes = figure.add_subplot(1, 3, 2)
     planes.imshow(section(volume))
     planes.set(title="planes through the volume")
     planes.set_axis_off()
     differences = figure.add_subplot(1, 3, 3)
     differences.plot(residuals(sequence, volume, every=every), ".")
-    differences.set(xlabel="frame", ylabel="difference to the volume, grey levels (RMS)", title="residuals")
+    differences.set(
+        xlabel="frame", ylabel="difference to the volume, grey levels (RMS)", title="residuals"
+    )
     return figure
