@@ -38,7 +38,8 @@ if [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
     cargo build --locked --quiet -p sonoweave
     program=${program:-${CARGO_TARGET_DIR:-target}/debug/sonoweave}
 else
-    (cd python && "$maturin" sdist --out "$out/dist" --quiet 2>/dev/null)
+    cargo fetch --locked --quiet
+    (cd python && "$maturin" sdist --out "$out/dist" >"$out/sdist.log" 2>&1)
     tar xzf "$out"/dist/sonoweave-*.tar.gz -C "$out/source" --strip-components=1
     # The distribution lacks some members of the workspace: what only they need leaves the list of
     # crates, and nothing enters it.

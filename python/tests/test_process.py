@@ -53,6 +53,10 @@ def long_sweep() -> Sequence:
     return Sequence.from_arrays(frames, poses, np.arange(400) / 30)
 
 
+#: Number of calls of some kinds of work, which take milliseconds each.
+CALLS = {"snapshot": 8, "values": 4}
+
+
 def work(name: str, sweep: Sequence, folder: pathlib.Path) -> Callable[[], object]:
     """Return a long call of that name."""
     reconstructor = Reconstructor(spacing=0.4, clip="none", threads=1)
@@ -65,8 +69,8 @@ def work(name: str, sweep: Sequence, folder: pathlib.Path) -> Callable[[], objec
     volume = reconstructor.snapshot()
     volume.write(folder / "volume.mha", type="f32")
     calls: dict[str, Callable[[], object]] = {
-        "snapshot": lambda: [reconstructor.snapshot() for _ in range(8)],
-        "values": lambda: [volume.values() for _ in range(4)],
+        "snapshot": lambda: [reconstructor.snapshot() for _ in range(CALLS["snapshot"])],
+        "values": lambda: [volume.values() for _ in range(CALLS["values"])],
         "write": lambda: volume.write(folder / "again.nii.gz"),
         "open": lambda: Volume.open(folder / "volume.mha"),
     }
@@ -78,8 +82,8 @@ def test_other_threads_run_meanwhile(counter, long_sweep, tmp_path, name) -> Non
     call = work(name, long_sweep, tmp_path)
     counted, seconds = counter.during(call)
     assert seconds > 0.02, "too short to tell"
-    # Without them, it would count once at most.
-    assert counted >= 4, f"{counted} in {seconds} s"
+    # Otherwise it would count once a call at most, and between two calls.
+    assert counted > 2 * CALLS.get(name, 1) + 2, f"{counted} in {seconds} s"
 
 
 def test_interrupt_ends_run_and_keeps_volume(long_sweep) -> None:
