@@ -251,6 +251,27 @@ mod tests {
     }
 
     #[test]
+    fn sum_has_outcomes_of_both_and_first_refusal() {
+        let of = |used: u64, refused: u64| {
+            let mut ledger = Ledger::default();
+            (0..used + refused).for_each(|_| ledger.arrived());
+            (0..used).for_each(|_| ledger.used());
+            for item in 0..refused {
+                ledger.refused(&Refusal::new(10 * used + item, Reason::Repeated, "same"));
+            }
+            ledger.projected(used, used as f64);
+            ledger.unused("counts");
+            ledger
+        };
+        let mut sum = of(3, 2);
+        sum.add(&of(4, 1));
+        let Frames { total, used, waiting, .. } = sum.frames;
+        assert_eq!((total, used, waiting, sum.refused_total()), (10, 7, 0, 3));
+        assert_eq!(sum.first_refusals[&Reason::Repeated].item, 30);
+        assert_eq!((sum.poses_projected, sum.worst_projection, sum.unused_readings["counts"]), (7, 4.0, 2));
+    }
+
+    #[test]
     fn statistics_hold_frames_by_reason() {
         let mut ledger = Ledger::default();
         ledger.arrived();
