@@ -2,12 +2,12 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny book fresh-machine sync-cost render-parts
+	release-test deny book fresh-machine sync-cost render-parts python
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
-# long to build as everything else.
-PACKAGES = --workspace --exclude sonoweave-figures --locked
+# long to build as everything else. So is the Python module, whose tests are Python's (make python).
+PACKAGES = --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked
 
 all: test
 
@@ -43,6 +43,12 @@ check: setup
 MUTANTS ?= all
 mutants: setup
 	SONOWEAVE_MUTANTS=$(MUTANTS) cargo test $(PACKAGES) --test mutants -- --include-ignored $(if $(FILTER),"$(FILTER)")
+
+# Builds the Python package from a source distribution, and runs its tests with the oldest and the
+# newest NumPy, its documentation, types and tutorials.
+python: setup
+	@scripts/setup.sh python
+	scripts/python.sh
 
 # Tests numerical stability with 10⁶ slices and days of stamps, the clocks with 10⁶ random cases, a
 # session that runs for long, and what takes long on the command line. STRESS=quick takes minutes.

@@ -17,7 +17,7 @@ built() {
     local test=$1
     shift
     # With the packages of `make test`, so that both share one build.
-    program=$(cargo test --workspace --exclude sonoweave-figures --locked --test "$test" --no-run \
+    program=$(cargo test --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked --test "$test" --no-run \
         --message-format=json-render-diagnostics |
         sed -n "s#.*\"executable\":\"\([^\"]*/$test-[^\"]*\)\".*#\1#p" | tail -n 1) || exit 1
     [[ $("$program" --list "$@") == *": test"* ]] && found=yes

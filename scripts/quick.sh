@@ -17,7 +17,9 @@ cargo test -p sonoweave-checks --locked --quiet
 
 commit=${1:-HEAD}
 changed=$(git diff --name-only --relative "$commit" && git ls-files --others --exclude-standard)
-tree() { cargo tree --workspace --exclude sonoweave-figures --locked --prefix none "$@"; }
+tree() {
+    cargo tree --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked --prefix none "$@"
+}
 # Lines of a crate's name and its folder, relative to this one.
 members=$(tree --depth 0 | sed -n "s#^\([^ ]*\) v.*($(pwd -P)/*\(.*\))\$#\1 \2#p")
 [ -n "$members" ] || {
@@ -70,6 +72,12 @@ fi
 if printf '%s\n' "$changed" | grep -q '^figures/'; then
     members="sonoweave-figures figures"
     check sonoweave-figures
+    checked=yes
+fi
+# Its tests are those of `make python`.
+if printf '%s\n' "$changed" | grep -q '^python/'; then
+    say sonoweave-python
+    cargo clippy -p sonoweave-python --locked -- -D warnings
     checked=yes
 fi
 [ -n "$checked" ] || say "the format is right; no crate changed since $commit"

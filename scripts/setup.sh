@@ -2,7 +2,7 @@
 # Installs the Debian packages that building and testing need and the machine lacks. Rust must be
 # there (https://rustup.rs).
 #
-#   scripts/setup.sh [package|release|interop|console]
+#   scripts/setup.sh [package|release|interop|console|python]
 #
 # package: the tools that make a Debian package.
 # release: those, the C compiler for static programs, and Rust's library for them, by rustup.
@@ -10,6 +10,7 @@
 #   library. Debian starts the archive's service on systems with systemd;
 #   `systemctl disable --now orthanc` ends it.
 # console: a browser, and node to drive it.
+# python: the module that makes Python environments.
 set -eu
 
 command -v cargo >/dev/null 2>&1 || {
@@ -32,7 +33,7 @@ if [ "${1:-}" = release ]; then
     }
 fi
 # Debian's Python lacks the module that makes environments.
-[ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
+case ${1:-} in interop | python) python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv" ;; esac
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 [ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"

@@ -18,7 +18,7 @@ pub mod input;
 pub(crate) mod json;
 pub(crate) mod live;
 pub(crate) mod part;
-mod provenance;
+pub(crate) mod provenance;
 pub(crate) mod reconstruct;
 pub(crate) mod render;
 pub(crate) mod replay;

@@ -2,6 +2,7 @@
 
 pub(crate) mod beside;
 pub(crate) mod filling;
+pub(crate) mod origin;
 pub(crate) mod outputs;
 pub(crate) mod regions;
 pub(crate) mod several;

@@ -9,6 +9,7 @@ mod request;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use image::RgbImage;
 use serde::Serialize;
 
 use config::view_settings::Mode;
@@ -122,6 +123,31 @@ impl Request<'_> {
         let document = document(&statistics)?;
         Ok(Rendered { contents: Contents::Rays(settings.view), document, wall_s, notes })
     }
+}
+
+/// Returns the picture of a volume. `window` has the grey values of black and white; `None` for
+/// the volume's.
+///
+/// # Errors
+/// [`Failure`] when the settings do not suit the volume.
+pub(crate) fn image(
+    volume: &DenseVolume,
+    look: &Look,
+    window: Option<[f32; 2]>,
+    threads: usize,
+) -> Result<RgbImage, Failure> {
+    let window = window.unwrap_or_else(|| volume.range());
+    if look.view.mode == Mode::Slice {
+        return Ok(planes::draw(volume, look, window, threads)?.0);
+    }
+    let settings = RenderSettings { cache: Cache::None, ..look.settings(window, volume.slice_axes(), threads)? };
+    let [low, high] = volume.bounds();
+    let stage = RenderRegion::new(volume.world_from_lattice(), low, high)?;
+    let view = look.view.view(volume.slice_axes(), 0.0, false);
+    let mut renderer = Renderer::new(&RenderSettings { view, ..settings }, stage)?;
+    renderer.update_all(volume);
+    let over = Over { renderer: &renderer, background: look.background, slice: None };
+    Ok(over.image(&look.planar.drawn(&[])).0)
 }
 
 fn draw(

@@ -138,9 +138,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 impl Arguments {
     /// Prints the result, or writes it as JSON.
-    fn report(&self, request: &Request<'_>, done: &Reconstructed) -> Result<(), Failure> {
+    fn report(&self, request: &Request, done: &Reconstructed) -> Result<(), Failure> {
         one::report(request.options(), done);
-        self.flags.beside.json.write_text(&done.document)
+        self.flags.beside.json.write_text(&done.written.document)
     }
 
     /// Returns the view and the settings of intermediate pictures. Refuses, before the work, a

@@ -2,7 +2,8 @@
 
 mod beside;
 pub(super) mod filling;
-pub(super) mod flags;
+pub(crate) mod flags;
+pub(crate) mod keywords;
 pub(super) mod one;
 mod several;
 mod weighing;

@@ -1,6 +1,7 @@
 //! `sonoweave render`: renders a volume to a picture.
 
 mod arguments;
+pub(crate) mod keywords;
 mod lighting;
 mod planar;
 pub(super) mod view_flags;

@@ -153,6 +153,24 @@ impl Ledger {
         *self.unused_readings.entry(kind).or_default() += 1;
     }
 
+    /// Adds the outcomes of frames that went into the same volume by another run. Readings by
+    /// device are not added.
+    pub fn add(&mut self, other: &Self) {
+        let Frames { total, used, waiting, refused, dropped, lost } = &other.frames;
+        self.frames.total += total;
+        self.frames.used += used;
+        self.frames.waiting += waiting;
+        refused.iter().for_each(|(reason, count)| *self.frames.refused.entry(*reason).or_default() += count);
+        dropped.iter().for_each(|(queue, count)| *self.frames.dropped.entry(*queue).or_default() += count);
+        self.frames.lost += lost;
+        self.projected(other.poses_projected, other.worst_projection);
+        self.untimed += other.untimed;
+        other.unused_readings.iter().for_each(|(kind, count)| *self.unused_readings.entry(kind).or_default() += count);
+        for (reason, refusal) in &other.first_refusals {
+            self.first_refusals.entry(*reason).or_insert_with(|| refusal.clone());
+        }
+    }
+
     /// Frames refused, for any reason.
     pub fn refused_total(&self) -> u64 {
         self.frames.refused.values().sum()
@@ -230,6 +248,27 @@ mod tests {
         let text = ledger.to_string();
         assert!(text.starts_with("2 of 8 frames used, 2 waiting, 2 dropped before insertion, 2 refused:"), "{text}");
         assert!(text.contains("2 × pose_invalid, first frame 1: ProbeToTracker is INVALID"), "{text}");
+    }
+
+    #[test]
+    fn sum_has_outcomes_of_both_and_first_refusal() {
+        let of = |used: u64, refused: u64| {
+            let mut ledger = Ledger::default();
+            (0..used + refused).for_each(|_| ledger.arrived());
+            (0..used).for_each(|_| ledger.used());
+            for item in 0..refused {
+                ledger.refused(&Refusal::new(10 * used + item, Reason::Repeated, "same"));
+            }
+            ledger.projected(used, used as f64);
+            ledger.unused("counts");
+            ledger
+        };
+        let mut sum = of(3, 2);
+        sum.add(&of(4, 1));
+        let Frames { total, used, waiting, .. } = sum.frames;
+        assert_eq!((total, used, waiting, sum.refused_total()), (10, 7, 0, 3));
+        assert_eq!(sum.first_refusals[&Reason::Repeated].item, 30);
+        assert_eq!((sum.poses_projected, sum.worst_projection, sum.unused_readings["counts"]), (7, 4.0, 2));
     }
 
     #[test]

@@ -346,6 +346,38 @@ impl VolumeInserter {
         found.map_or(Ok(()), |found| self.found(&found, outcomes))
     }
 
+    /// Notes that slices follow whose poses were not known: the box that slices reach is unknown
+    /// from now on.
+    pub(super) fn extended(&mut self) {
+        self.plan.poses.clear();
+        self.reached = None;
+    }
+
+    /// Returns the present result, without slices that wait for the mask. `None` if no slice was
+    /// inserted.
+    ///
+    /// # Errors
+    /// When the system has no memory for a copy of the volume.
+    pub(super) fn snapshot(&self) -> std::io::Result<Option<FinishedVolume>> {
+        let (MaskState::Known(reconstructor), Some(mask), Some(chosen)) = (&self.stage, &self.mask, &self.plan.chosen)
+        else {
+            return Ok(None);
+        };
+        if self.used == 0 {
+            return Ok(None);
+        }
+        Ok(Some(FinishedVolume {
+            reconstructor: reconstructor.copy()?,
+            mask: mask.clone(),
+            chosen: chosen.clone(),
+            reached: self.reached,
+            slice_axes: self.slice_axes,
+            pixels: self.pixels,
+            notes: self.notes.iter().cloned().chain(narrow(reconstructor, self.plan.off_plane)).collect(),
+            slices_sha256: self.digest.clone().finalize().into(),
+        }))
+    }
+
     /// Returns the result, after its [end](Self::end). `None` if no slice was inserted.
     pub(super) fn finish(mut self) -> Option<FinishedVolume> {
         let (MaskState::Known(reconstructor), Some(mask)) = (self.stage, self.mask) else { return None };

@@ -58,6 +58,7 @@ struct Scratch {
 }
 
 /// The filter for slices of one size, mask and pixel size.
+#[derive(Clone)]
 pub(crate) struct SliceFilter {
     simd: Simd,
     taps: [Taps; 2],

@@ -76,6 +76,18 @@ impl PathReconstructor {
         }
     }
 
+    /// Returns a copy that continues by itself; neither changes with the other. They share threads.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub fn copy(&self) -> std::io::Result<Self> {
+        let active = match &self.active {
+            Active::General(reconstructor) => Active::General(Box::new(reconstructor.copy()?)),
+            Active::Planar(planar) => Active::Planar(Box::new(planar.copy()?)),
+        };
+        Ok(Self { active, upgraded: self.upgraded })
+    }
+
     /// The present path of slices.
     pub fn path(&self) -> Path {
         match self.active {

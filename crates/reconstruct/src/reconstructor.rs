@@ -120,6 +120,16 @@ impl Reconstructor {
         Ok(Self { stream, pool, volume, plan, chunks, work: Work::default(), last: None })
     }
 
+    /// Returns a copy that continues by itself; neither changes with the other. They share threads.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub fn copy(&self) -> std::io::Result<Self> {
+        let (pool, volume) = (self.pool.clone(), self.volume.copy()?);
+        let (plan, chunks) = (Plan::default(), Vec::new());
+        Ok(Self { stream: self.stream.clone(), pool, volume, plan, chunks, work: self.work, last: self.last })
+    }
+
     /// Like [`Self::new`], but continues a volume that another path began on the same lattice,
     /// with its last slice and the work done.
     pub(super) fn taking_over(

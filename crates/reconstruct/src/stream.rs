@@ -50,6 +50,7 @@ pub(super) struct Decided {
 }
 
 /// Data that depends on the pixel size.
+#[derive(Clone)]
 pub(super) struct Prepared {
     pub(super) pixel_mm: [f64; 2],
     pub(super) kernels: [AxisKernel; 3],
@@ -61,6 +62,7 @@ pub(super) struct Prepared {
 }
 
 /// Takes the decisions, slice by slice.
+#[derive(Clone)]
 pub(super) struct Stream {
     pub(super) settings: Settings,
     mask: Mask,

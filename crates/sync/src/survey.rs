@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::ledger::Ledger;
+use sonoweave_core::refusal::Refusal;
 use sonoweave_core::{Device, Next, Reading};
 
 use super::graph::{Names, NoPath, Route};
@@ -40,6 +41,8 @@ pub struct Survey {
     pub route: Route,
     /// The frames that have a pose, in order. Their pixels may still be unfit.
     pub poses: Vec<FramePose>,
+    /// The others, in order.
+    pub refused: Vec<Refusal>,
     /// Frames by outcome; `used` are those of `poses`.
     pub ledger: Ledger,
 }
@@ -75,7 +78,7 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
     let mut pairing = StampedPairing::with_names(options.clone(), &names)?;
     let mut ingest = Ingest::new();
     let mut ledger = Ledger::default();
-    let mut poses = Vec::new();
+    let (mut poses, mut refused) = (Vec::new(), Vec::new());
     walk(device, |reading| match reading {
         Reading::NamedTransform(transform) => pairing.transform(transform),
         Reading::Frame(frame) => {
@@ -92,13 +95,16 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
                         world_from_image: pose.world_from_image,
                     });
                 }
-                Err(refusal) => ledger.refused(&refusal),
+                Err(refusal) => {
+                    ledger.refused(&refusal);
+                    refused.push(refusal);
+                }
             }
         }
         _ => {}
     })?;
     let route = pairing.route().cloned().unwrap_or_else(|| Route { steps: Vec::new(), frames: Vec::new() });
-    Ok(Survey { names, route, poses, ledger })
+    Ok(Survey { names, route, poses, refused, ledger })
 }
 
 fn walk(device: &mut dyn Device, mut take: impl FnMut(Reading)) -> Result<(), sonoweave_core::Error> {

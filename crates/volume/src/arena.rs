@@ -87,6 +87,21 @@ impl Arena {
         &mut self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
     }
 
+    /// Returns an arena with the first `pieces` copied, which must exist.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub(crate) fn copy(&self, pieces: usize) -> io::Result<Self> {
+        let mut copy = Self::in_chunks(self.piece_bytes, self.per_chunk);
+        while pieces > copy.capacity() {
+            let left = (pieces - copy.capacity()).min(self.per_chunk) * self.piece_bytes;
+            let mut chunk = allocate(self.per_chunk * self.piece_bytes)?;
+            chunk[..left].copy_from_slice(&self.chunks[copy.chunks.len()][..left]);
+            copy.chunks.push(chunk);
+        }
+        Ok(copy)
+    }
+
     /// Returns each whole chunk, for inserters that hand every piece to exactly one thread.
     pub(crate) fn chunks_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
         self.chunks.iter_mut().map(|chunk| &mut chunk[..])

@@ -123,6 +123,28 @@ impl BrickVolume {
         }
     }
 
+    /// Returns a copy; neither changes with the other.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub fn copy(&self) -> io::Result<Self> {
+        let bricks = self.places.len();
+        let (stamps, ages) = match self.memory {
+            Memory::Stamps => (bricks, 0),
+            Memory::Ages => (0, bricks),
+            Memory::Sums | Memory::Epochs { .. } => (0, 0),
+        };
+        Ok(Self {
+            blocks: self.blocks.clone(),
+            bricks: self.bricks.copy(bricks)?,
+            memory: self.memory,
+            stamps: self.stamps.copy(stamps)?,
+            ages: self.ages.copy(ages)?,
+            epochs: self.epochs.clone(),
+            places: self.places.clone(),
+        })
+    }
+
     /// Bytes for one more brick, without tables.
     pub fn brick_bytes(&self) -> u64 {
         let beside = match self.memory {
@@ -428,6 +450,24 @@ mod tests {
         }
         assert_eq!(volume.len(), 4);
         assert_eq!(volume.find([1, 0, 0]), None);
+    }
+
+    #[test]
+    fn copy_has_same_voxels_and_does_not_follow() {
+        for memory in [Memory::Sums, Memory::Stamps, Memory::Ages, Memory::Epochs { rate_per_s: 1.0 }] {
+            let mut volume = BrickVolume::remembering(memory);
+            volume.reserve(CHUNK + 1).unwrap();
+            for x in 0..=CHUNK as i32 {
+                let (slot, _) = volume.find_or_insert([x, 0, 0]);
+                volume.brick_mut(slot).w[3] = (x + 1) as f32;
+            }
+            let copy = volume.copy().unwrap();
+            volume.brick_mut(Slot(0)).w[3] = 0.0;
+            let bricks: Vec<(BrickIndex, f32)> = copy.iter().map(|(place, brick)| (place, brick.w[3])).collect();
+            let expected: Vec<(BrickIndex, f32)> = (0..=CHUNK as i32).map(|x| ([x, 0, 0], (x + 1) as f32)).collect();
+            assert_eq!(bricks, expected, "{memory:?}");
+            assert_eq!(copy.find([7, 0, 0]), volume.find([7, 0, 0]));
+        }
     }
 
     #[test]

@@ -71,6 +71,22 @@ impl ColumnVolume {
         Self { first_z, share, stride, slots: FxHashMap::default(), places: Vec::new(), dated, arena }
     }
 
+    /// Returns a copy; neither changes with the other.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub fn copy(&self) -> std::io::Result<Self> {
+        Ok(Self {
+            first_z: self.first_z,
+            share: self.share.clone(),
+            stride: self.stride,
+            slots: self.slots.clone(),
+            places: self.places.clone(),
+            dated: self.dated,
+            arena: self.arena.copy(self.places.len())?,
+        })
+    }
+
     #[inline]
     fn floats(stride: usize, dated: bool) -> usize {
         COLUMNS * (stride + 1 + if dated { size_of::<i64>() / size_of::<f32>() } else { 0 })

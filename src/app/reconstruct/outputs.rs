@@ -21,6 +21,7 @@ use volume::brick_volume::SEEN;
 
 use super::beside::Beside;
 use super::filling::{self, advised};
+use super::origin::Origin;
 use super::sweep::Sweep;
 use super::zarr::{Description, Target, is_ome_zarr};
 use crate::app::input;
@@ -60,13 +61,13 @@ impl OutputOptions {
     ///
     /// # Errors
     /// [`Failure`] with the first violation.
-    fn check(&self, sequence: &Path) -> Result<(), Failure> {
+    fn check(&self, origin: &Origin) -> Result<(), Failure> {
         let (volume, beside) = (self.volume.as_deref(), &self.beside);
         let volumes = [volume, beside.weights.as_deref()];
         let others = [beside.planes.as_deref(), beside.json.as_deref()];
         for path in volumes.into_iter().chain(others).flatten() {
             input::check_folder(path)?;
-            input::check_is_not(path, sequence)?;
+            origin.check_is_not(path)?;
         }
         if !volume.is_some_and(input::is_dicom) {
             self.identifiers.check()?;
@@ -138,7 +139,7 @@ impl OutputOptions {
     ///
     /// # Errors
     /// [`Failure`] when no voxel was seen.
-    fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
+    pub(crate) fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
         let reconstructor = &outcome.reconstructor;
         let settings = reconstructor.settings();
         let Some((low, high)) = reconstructor.volume().seen_bounds() else {
@@ -158,8 +159,8 @@ impl OutputOptions {
 }
 
 /// A reconstruction, with its inputs and outputs.
-pub(crate) struct Request<'a> {
-    pub(super) sequence: &'a Path,
+pub(crate) struct Request {
+    pub(super) origin: Origin,
     pub(super) options: OutputOptions,
     pub(super) began: Instant,
     config: Config,
@@ -170,6 +171,11 @@ pub(crate) struct Request<'a> {
 /// A finished reconstruction.
 pub(crate) struct Reconstructed {
     pub(crate) outcome: Outcome,
+    pub(crate) written: Written,
+}
+
+/// The numbers of a reconstruction whose files are written.
+pub(crate) struct Written {
     pub(crate) statistics: Statistics,
     /// The report, as a JSON document.
     pub(crate) document: String,
@@ -177,24 +183,19 @@ pub(crate) struct Reconstructed {
     pub(crate) filled: Option<String>,
 }
 
-impl<'a> Request<'a> {
+impl Request {
     /// Begins a reconstruction with its outputs. Checks the outputs before the work.
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other or files are out of reach.
-    pub(crate) fn new(
-        sequence: &'a Path,
-        sweep: &Sweep,
-        options: OutputOptions,
-        began: Instant,
-    ) -> Result<Self, Failure> {
-        options.check(sequence)?;
+    pub(crate) fn new(origin: Origin, sweep: &Sweep, options: OutputOptions, began: Instant) -> Result<Self, Failure> {
+        options.check(&origin)?;
         let OutputOptions { volume, beside, filling, .. } = &options;
         let is_written = volume.is_some() || beside.weights.is_some() || beside.planes.is_some();
         filling::check(filling.as_ref(), &sweep.session.settings, is_written)?;
         let frames = (sweep.frames != (0..u64::MAX)).then_some([sweep.frames.start, sweep.frames.end]);
         let (config, mask) = (sweep.config.clone(), sweep.session.mask);
-        Ok(Self { sequence, options, began, config, mask, frames })
+        Ok(Self { origin, options, began, config, mask, frames })
     }
 
     /// Returns the outputs.
@@ -212,6 +213,15 @@ impl<'a> Request<'a> {
         mut outcome: Outcome,
         picture: Option<&impl Serialize>,
     ) -> Result<Reconstructed, Failure> {
+        let written = self.write(&mut outcome, picture)?;
+        Ok(Reconstructed { outcome, written })
+    }
+
+    /// Like [`Self::finish`], for an outcome that is used again.
+    ///
+    /// # Errors
+    /// [`Failure`]: the file that failed does not exist.
+    pub(crate) fn write(&self, outcome: &mut Outcome, picture: Option<&impl Serialize>) -> Result<Written, Failure> {
         let (options, beside) = (&self.options, &self.options.beside);
         outcome.notes.extend(options.note.clone());
         let direction = outcome.reconstructor.settings().lattice_direction;
@@ -224,14 +234,15 @@ impl<'a> Request<'a> {
         }
         let writes = options.volume.is_some() || beside.weights.is_some();
         let encoding = if writes { Some(options.encoding(outcome.pixels)?) } else { None };
-        let mut space = options.dense_box(&outcome)?;
+        let outcome = &*outcome;
+        let mut space = options.dense_box(outcome)?;
         let volume_folder = match (options.ome_zarr(), encoding) {
             (Some(path), Some(encoding)) => {
                 let bounds = match (options.size, outcome.reached) {
                     (None, Some(reached)) => reached,
                     _ => space.ends(),
                 };
-                let description = Description::of(&outcome, bounds, encoding, options.size.is_some());
+                let description = Description::of(outcome, bounds, encoding, options.size.is_some());
                 // All files have one grid.
                 space = description.space();
                 Some((path, description))
@@ -239,11 +250,11 @@ impl<'a> Request<'a> {
             _ => None,
         };
 
-        let hash = input::hash(self.sequence)?;
+        let hash = self.origin.hash(outcome)?;
         let volume = outcome.reconstructor.volume();
         let filled = filling::fill(options.filling.as_ref(), volume, &space, outcome.reconstructor.settings())?;
         if let Some(encoding) = &encoding {
-            let mut fields = self.provenance(&outcome, &space, encoding, &hash)?;
+            let mut fields = self.provenance(outcome, &space, encoding, &hash)?;
             fields.extend(filled.iter().flat_map(filling::fields));
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = &options.volume {
@@ -267,11 +278,11 @@ impl<'a> Request<'a> {
             draw(filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels), &space, path)?;
         }
         let scalar = encoding.map(|e| e.scalar.name());
-        let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
+        let mut statistics = Statistics::new(outcome, &space, scalar, self.began.elapsed());
         statistics.fill = filled.as_ref().map(FillNumbers::of);
         let document = self.document(&statistics, &hash, picture)?;
         let filled = filled.as_ref().map(filling::sentence);
-        Ok(Reconstructed { outcome, statistics, document, filled })
+        Ok(Written { statistics, document, filled })
     }
 
     /// Returns the report, as a JSON document.
@@ -281,7 +292,8 @@ impl<'a> Request<'a> {
         sha256: &str,
         picture: Option<&impl Serialize>,
     ) -> Result<String, Failure> {
-        let Self { sequence: input, frames, mask, config, .. } = self;
+        let Self { frames, mask, config, .. } = self;
+        let input = self.origin.path();
         let source = Source { input, sha256, frames: *frames, mask, config };
         document(&statistics.report(&source, picture))
     }
@@ -318,7 +330,6 @@ impl<'a> Request<'a> {
         hash: &str,
     ) -> Result<Vec<(String, String)>, Failure> {
         let options = &self.options;
-        let name = self.sequence.file_name().unwrap_or(self.sequence.as_os_str());
         let calibration = match &options.config {
             Some(path) => {
                 let name = path.file_name().unwrap_or(path.as_os_str());
@@ -327,7 +338,7 @@ impl<'a> Request<'a> {
             None if options.has_calibration => "command line".into(),
             None => "in the sequence".into(),
         };
-        let input = format!("{} sha256 {hash}", name.to_string_lossy());
+        let input = format!("{} sha256 {hash}", self.origin.name());
         Ok(Made { outcome, space, encoding, input, calibration, cropped: options.size.is_some() }.fields())
     }
 }

@@ -9,13 +9,13 @@ use pipeline::regions::{RegionGrid, SweepPlan};
 use statistics::{RegionWork, Statistics};
 use volume::brick::{BrickBox, EDGE};
 
-use super::outputs::{Reconstructed, Request};
+use super::outputs::{Reconstructed, Request, Written};
 use super::zarr::Description;
 use crate::app::reporter::Steps;
 use crate::failure::{Failure, FailureKind};
-use plan::{Recording, RegionsPlan};
+use plan::RegionsPlan;
 
-impl Request<'_> {
+impl Request {
     /// Checks that the requested files can be written region by region.
     ///
     /// # Errors
@@ -72,8 +72,8 @@ impl Request<'_> {
         target.finish(writer)?;
         let mut statistics = self.planned_statistics(&plan, &outcome);
         statistics.enter_regions(numbers, work);
-        let document = self.document(&statistics, &plan.recording.sha256, None::<&()>)?;
-        Ok(Reconstructed { outcome, statistics, document, filled: None })
+        let document = self.document(&statistics, &plan.sha256, None::<&()>)?;
+        Ok(Reconstructed { outcome, written: Written { statistics, document, filled: None } })
     }
 
     /// Divides a planned sweep's volume into regions.
@@ -93,10 +93,10 @@ impl Request<'_> {
             (None, Some(reached)) => reached,
             (None, None) => return Err(nothing()),
         };
-        let recording = Recording::of(self.sequence)?;
+        let sha256 = self.origin.hash(outcome)?;
         let description = Description::of(outcome, bounds, encoding, options.size.is_some());
         let space = description.space();
-        let fields = self.provenance(outcome, &space, &encoding, &recording.sha256)?;
+        let fields = self.provenance(outcome, &space, &encoding, &sha256)?;
         let described = description.described(fields);
 
         let within = bricks_of(bounds);
@@ -107,7 +107,7 @@ impl Request<'_> {
         let grid = RegionGrid::new(&met, shard_bricks, settings.brick_bytes()?, settings.memory_bytes)?;
         let regions = grid.regions(&met).collect();
         let (path, meetings) = (path.to_owned(), grid.meetings());
-        RegionsPlan::new(path, recording, described, regions, meetings, sweep)
+        Ok(RegionsPlan::new(path, sha256, described, regions, meetings, sweep))
     }
 
     /// Returns the numbers of a planned reconstruction, without those of its regions.

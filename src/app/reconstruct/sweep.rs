@@ -26,6 +26,19 @@ pub(crate) struct Sweep {
 }
 
 impl Sweep {
+    /// Returns a copy of the settings, without observers and viewers.
+    pub(crate) fn without_observers(&self) -> Self {
+        let Self { input, frames, off_plane, session, config } = self;
+        let of_session = Session::new(session.pairing.clone(), session.mask, session.settings.clone());
+        Self {
+            input: input.clone(),
+            frames: frames.clone(),
+            off_plane: *off_plane,
+            session: Session { path: session.path, planar: session.planar, ..of_session },
+            config: config.clone(),
+        }
+    }
+
     /// Reconstructs the sweep. The progress of `activity` is shown by `steps`.
     ///
     /// # Errors

@@ -6,7 +6,8 @@ use config::view_settings::Draw;
 use export::annotation::scale::Bar;
 use export::annotation::slice::SliceMarks;
 use export::annotation::{copy, cube};
-use export::picture::{write_picture, write_rgb};
+use export::picture::write_rgb;
+use image::RgbImage;
 use render::Renderer;
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::Slice;
@@ -28,12 +29,14 @@ impl Over<'_> {
     /// # Errors
     /// [`Failure`] when it cannot be written.
     pub(crate) fn write(&self, draw: &[Draw], path: &Path) -> Result<Vec<&'static str>, Failure> {
-        let picture = self.renderer.picture();
-        if draw.is_empty() {
-            write_picture(&picture, self.background, path)?;
-            return Ok(Vec::new());
-        }
-        let mut over = copy(&picture, self.background);
+        let (over, drawn) = self.image(draw);
+        write_rgb(&over, path)?;
+        Ok(drawn)
+    }
+
+    /// Returns the picture with annotations, and the names of those that are drawn.
+    pub(crate) fn image(&self, draw: &[Draw]) -> (RgbImage, Vec<&'static str>) {
+        let mut over = copy(&self.renderer.picture(), self.background);
         let (camera, middle) = (self.renderer.camera(), self.renderer.region().centre_mm());
         let seen = |at| self.renderer.transmittance_to(at);
         let marks =
@@ -51,7 +54,6 @@ impl Over<'_> {
                 drawn.push(what.name());
             }
         }
-        write_rgb(&over, path)?;
-        Ok(drawn)
+        (over, drawn)
     }
 }

@@ -5,10 +5,12 @@ use std::time::Instant;
 use serde::Serialize;
 
 use export::picture::write_rgb;
+use image::RgbImage;
 use render::section::{Box3, Planar, PlanarWork};
 use render::settings::pool;
 use volume::DenseVolume;
 
+use super::look::Look;
 use super::planar::SheetNumbers;
 use super::request::{Contents, Rendered, Request, Source, milliseconds};
 use crate::app::json::document;
@@ -24,7 +26,7 @@ struct Statistics<'a> {
     threads: usize,
     /// Time to read the volume, ms.
     read_ms: f64,
-    /// Time to sample the planes, ms.
+    /// Time to sample and draw the planes, ms.
     sample_ms: f64,
     /// Time from the command's start to the picture, s.
     wall_s: f64,
@@ -44,25 +46,13 @@ pub(super) fn run(
     read_ms: f64,
     notes: Vec<String>,
 ) -> Result<Rendered, Failure> {
-    let Request { look, output, .. } = request;
+    let Request { look, output, threads, .. } = *request;
     let window = request.window.unwrap_or_else(|| volume.range());
-    let threads = request.threads;
-    let place = Box3::new(volume.world_from_lattice(), volume.bounds());
-    let sheet = look.planar.sheet(&place, look.view.image_size)?;
     let sampling = Instant::now();
-    let pool = pool(threads)?;
-    let planar = Planar { volume, place, pool: pool.as_deref() };
-    let mut work = PlanarWork::default();
-    let mut sampled = Vec::new();
-    for panel in &sheet.panels {
-        let (pixels, done) = planar.sample(&panel.section);
-        sampled.push(pixels);
-        work += done;
-    }
+    let (image, picture, work) = draw(volume, look, window, threads)?;
     let sample_ms = milliseconds(sampling);
-    write_rgb(&sheet.draw(&sampled, window, look.planar.wash)?, output)?;
+    write_rgb(&image, output)?;
     let wall_s = began.elapsed().as_secs_f64();
-    let picture = look.planar.numbers(&sheet, &sampled);
     let text = picture.to_string();
     let statistics = Statistics {
         source: Source::new(request, volume),
@@ -78,4 +68,29 @@ pub(super) fn run(
     };
     let document = document(&statistics)?;
     Ok(Rendered { contents: Contents::Planes(text), document, wall_s, notes })
+}
+
+/// Returns the picture of a volume's planes, its numbers, and the work.
+///
+/// # Errors
+/// [`Failure`] when the planes miss the volume, or the picture is too small.
+pub(super) fn draw(
+    volume: &DenseVolume,
+    look: &Look,
+    window: [f32; 2],
+    threads: usize,
+) -> Result<(RgbImage, SheetNumbers, PlanarWork), Failure> {
+    let place = Box3::new(volume.world_from_lattice(), volume.bounds());
+    let sheet = look.planar.sheet(&place, look.view.image_size)?;
+    let pool = pool(threads)?;
+    let planar = Planar { volume, place, pool: pool.as_deref() };
+    let mut work = PlanarWork::default();
+    let mut sampled = Vec::new();
+    for panel in &sheet.panels {
+        let (pixels, done) = planar.sample(&panel.section);
+        sampled.push(pixels);
+        work += done;
+    }
+    let image = sheet.draw(&sampled, window, look.planar.wash)?;
+    Ok((image, look.planar.numbers(&sheet, &sampled), work))
 }

@@ -20,6 +20,7 @@ use super::filling::FillFlags;
 use super::weighing::Weighing;
 use crate::app::input;
 use crate::app::reconstruct::beside::Beside;
+use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::outputs::{OutputOptions, Request};
 use crate::app::reconstruct::sweep::Sweep;
 use crate::cli::dicom::flags::DicomFlags;
@@ -31,7 +32,7 @@ pub(in crate::cli) const SPACING_MM: f64 = 0.5;
 
 /// Settings of a reconstruction, and of its outputs beside the volume.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Flags {
+pub(crate) struct Flags {
     /// Calibration and volume settings: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) config: Option<PathBuf>,
@@ -163,15 +164,21 @@ impl Flags {
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other or files are out of reach.
-    pub(in crate::cli) fn request<'a>(
+    pub(in crate::cli) fn request(
         &self,
-        sequence: &'a Path,
+        sequence: &Path,
         volume: Option<&Path>,
         beside: Beside,
-    ) -> Result<(Request<'a>, Sweep), Failure> {
+    ) -> Result<(Request, Sweep), Failure> {
         let began = Instant::now();
         let sweep = self.sweep(sequence)?;
-        let options = OutputOptions {
+        let options = self.outputs(volume, beside);
+        Ok((Request::new(Origin::File(sequence.to_owned()), &sweep, options, began)?, sweep))
+    }
+
+    /// Returns the settings of the outputs.
+    pub(crate) fn outputs(&self, volume: Option<&Path>, beside: Beside) -> OutputOptions {
+        OutputOptions {
             volume: volume.map(Path::to_owned),
             beside,
             filling: self.filling.filling(),
@@ -188,15 +195,14 @@ impl Flags {
             config: self.config.clone(),
             has_calibration: self.image_to_probe.is_some(),
             note: self.weighing.note(),
-        };
-        Ok((Request::new(sequence, &sweep, options, began)?, sweep))
+        }
     }
 
     /// Returns the sequence with the settings of its reconstruction.
     ///
     /// # Errors
     /// [`Failure`] when files cannot be read or flags contradict each other.
-    fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
+    pub(crate) fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
         let mut config = match &self.config {
             Some(path) => Config::read(path, self.preset.as_deref())?,
             None => Config::default(),

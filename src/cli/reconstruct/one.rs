@@ -8,7 +8,7 @@ use statistics::Statistics;
 
 use super::flags::Flags;
 use crate::app::reconstruct::beside::Beside;
-use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed};
+use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed, Written};
 use crate::cli::Failure;
 use crate::cli::progress::steps;
 
@@ -38,13 +38,13 @@ pub(super) fn reconstruct(
         }
     };
     report(request.options(), &done);
-    Ok((done.statistics, done.document))
+    Ok((done.written.statistics, done.written.document))
 }
 
 /// Prints a short report to stdout, and notes for the user to stderr.
 #[allow(clippy::print_stderr, reason = "the command's output")]
 pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
-    let Reconstructed { outcome, statistics, filled, .. } = done;
+    let Reconstructed { outcome, written: Written { statistics, filled, .. } } = done;
 
     for note in &outcome.notes {
         eprintln!("sonoweave: note: {note}");

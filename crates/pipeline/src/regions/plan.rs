@@ -1,7 +1,6 @@
 //! The plan of a sweep: which slices enter, and all that is needed to insert each of them into any
 //! region by itself, in another process, too.
 
-use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -14,7 +13,7 @@ use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use volume::brick::BrickBox;
 
 use crate::observer::{InsertedSlice, Observer};
-use crate::session::{Finished, Sequence, Session, SessionInputs, SessionStatus, Source, run};
+use crate::session::{Finished, Sequence, SequenceInput, Session, SessionInputs, SessionStatus, Source, run};
 use crate::{Outcome, PipelineError};
 
 /// A slice that enters the volume.
@@ -33,14 +32,37 @@ pub struct PlannedSlice {
 /// The plan of a sweep's reconstruction.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SweepPlan {
-    /// File of the recording.
-    pub recording: PathBuf,
+    /// The recording.
+    #[serde(with = "file")]
+    pub input: SequenceInput,
     /// Settings of the reconstruction.
     pub settings: Settings,
     /// Pixels that are data.
     pub mask: Mask,
     /// The slices that enter, in their order.
     pub slices: Vec<PlannedSlice>,
+}
+
+/// A recording in a plan's file: its path. Frames in memory have none.
+mod file {
+    use std::path::PathBuf;
+
+    use drivers::replay::SequenceSettings;
+    use serde::ser::Error as _;
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+
+    use crate::session::SequenceInput;
+
+    pub(super) fn serialize<S: Serializer>(input: &SequenceInput, to: S) -> Result<S::Ok, S::Error> {
+        match input {
+            SequenceInput::File(settings) => settings.path.serialize(to),
+            SequenceInput::Frames(_) => Err(S::Error::custom("frames in memory have no file; write them to one")),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<SequenceInput, D::Error> {
+        Ok(SequenceInput::File(SequenceSettings::new(PathBuf::deserialize(from)?)))
+    }
 }
 
 /// Collects the slices that enter.
@@ -74,7 +96,7 @@ impl SweepPlan {
         let collector = Arc::new(Collector::default());
         session.settings.region = Some(BrickBox::EMPTY);
         session.observers.push(Arc::clone(&collector) as Arc<dyn Observer>);
-        let recording = sequence.input().path.clone();
+        let input = sequence.input().clone();
         let source = SessionInputs::of(Source::Sequence(sequence));
         let ran = run(&session, source, &Monotonic, &AtomicBool::new(false), |status| {
             watch(status);
@@ -85,6 +107,6 @@ impl SweepPlan {
         let slices = std::mem::take(&mut *collector.0.lock().unwrap_or_else(PoisonError::into_inner));
         let settings = Settings { region: None, ..outcome.reconstructor.settings().clone() };
         let mask = (*outcome.mask.mask).clone();
-        Ok((Self { recording, settings, mask, slices }, outcome))
+        Ok((Self { input, settings, mask, slices }, outcome))
     }
 }

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use drivers::replay::{Replay, SequenceSettings};
 use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
-use sonoweave_core::{Device, NO_DEADLINE, Next};
+use sonoweave_core::{NO_DEADLINE, Next};
 use sync::ingest::{Ingest, Sample};
 use volume::brick::BrickBox;
 
@@ -25,8 +24,7 @@ impl SweepPlan {
         let meets = |slice: &&PlannedSlice| !slice.entered.bricks.within(region).is_empty();
         let only: Arc<[u64]> = self.slices.iter().filter(meets).map(|slice| slice.item).collect();
         let mut slices = self.slices.iter().filter(meets);
-        let mut device = Replay::open(&SequenceSettings { only: Some(only), ..SequenceSettings::new(&self.recording) })
-            .map_err(sonoweave_core::Error::from)?;
+        let mut device = self.input.open_only(only)?;
         let mut ingest = Ingest::new();
         device.start()?;
         loop {

@@ -22,7 +22,8 @@
 //! - `run`, `spawn`: the wiring, the only place where threads of a session are started.
 //! - `event`, `sequencer`, `capture_thread`: session events, their order, and a device's thread.
 //! - `replay`, `sequence`: a recorded session as a source of the same events; a recorded sequence
-//!   as a source of slices.
+//!   as a source of slices. `sequence_input`, `posed_frames`: its file, or its frames in memory.
+//! - `growing`: a volume that grows by sequences and by single frames.
 //! - `pairing_thread`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken
 //!   where the tracker's field is distorted.
 //! - `insertion_thread`, `shared_volume`, `changes`: insertion of slices, the lock on the volume,
@@ -49,11 +50,13 @@ mod device;
 mod digest;
 mod ended;
 mod event;
+mod growing;
 mod insertion_thread;
 mod losses;
 mod memory;
 mod pairing_thread;
 mod plane_viewer;
+mod posed_frames;
 mod priority;
 mod reach;
 mod reader;
@@ -64,6 +67,7 @@ mod render_thread;
 mod replay;
 mod run;
 mod sequence;
+mod sequence_input;
 mod sequencer;
 mod settings;
 mod shared_volume;
@@ -79,8 +83,10 @@ mod zones;
 pub use device::{DeviceRole, SessionDevice};
 pub use digest::ResultDigest;
 pub use ended::EndedSession;
+pub use growing::{GrowingVolume, Inserted};
 pub use memory::MemoryByOwner;
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
+pub use posed_frames::PosedFrames;
 pub use priority::{SchedulingGrant, SchedulingPolicy};
 pub use reader::{NoVolume, Reader, Snapshot, VolumeRequest};
 pub use record_only::{RecordEvent, record_only};
@@ -90,6 +96,7 @@ pub use render_thread::{Drawn, First, ViewClient};
 pub use replay::Recorded;
 pub use run::run;
 pub use sequence::Sequence;
+pub use sequence_input::SequenceInput;
 pub use settings::{Finished, Session, SessionInputs, Source};
 pub use shared_volume::VolumeExtent;
 pub use status::{ClockStatus, DeviceStatus, REPLAYED, SessionStatus, Written};

@@ -93,13 +93,13 @@ pub fn run<'a>(
 }
 
 /// The results of a source.
-struct Ran {
-    status: SessionStatus,
+pub(super) struct Ran {
+    pub(super) status: SessionStatus,
     drawn: Option<Drawn>,
     recording: Option<Recording>,
     digest: Option<ResultDigest>,
     decisions: Option<RecordedDecisions>,
-    insert_ms: Vec<f64>,
+    pub(super) insert_ms: Vec<f64>,
 }
 
 /// A source, opened.
@@ -127,19 +127,19 @@ enum Delivering<'scope> {
 
 /// A session's parts that its threads share.
 #[derive(Clone, Copy)]
-struct Wiring<'a> {
-    session: &'a Session,
-    volume: &'a Shared,
-    view: Option<&'a SharedViewClient>,
+pub(super) struct Wiring<'a> {
+    pub(super) session: &'a Session,
+    pub(super) volume: &'a Shared,
+    pub(super) view: Option<&'a SharedViewClient>,
     /// Whether no source follows.
-    is_last: bool,
-    clock: &'a dyn Clock,
-    ends: &'a AtomicBool,
+    pub(super) is_last: bool,
+    pub(super) clock: &'a dyn Clock,
+    pub(super) ends: &'a AtomicBool,
 }
 
 impl Wiring<'_> {
     /// Runs one source to its end.
-    fn run(
+    pub(super) fn run(
         self,
         source: Source,
         policy: &mut SchedulingPolicy,

@@ -6,8 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crossbeam_channel::Sender;
 
-use drivers::replay::{Replay, SequenceSettings};
-use sonoweave_core::{Device, NO_DEADLINE, Next};
+use sonoweave_core::{NO_DEADLINE, Next};
 use sync::graph::Route;
 use sync::ingest::live::Gives;
 use sync::ingest::{Ingest, Sample};
@@ -17,12 +16,13 @@ use sync::{FramePose, PairingOptions, StampedPairing, survey};
 use super::common::Common;
 use super::device::DeviceRole;
 use super::insertion_thread::{InsertMessage, Posed};
+use super::sequence_input::SequenceInput;
 use super::turns::Stage;
 use crate::{CapturedFrame, OffPlane, PipelineError};
 
 /// A recorded sequence, and all poses in it.
 pub struct Sequence {
-    input: SequenceSettings,
+    input: SequenceInput,
     frames: Range<u64>,
     pub(super) off_plane: OffPlane,
     survey: Survey,
@@ -37,13 +37,13 @@ impl Sequence {
     /// [`PipelineError`] if the file is unreadable, has no route to the world, or none of the
     /// frames to use has a pose.
     pub fn open(
-        input: SequenceSettings,
+        input: impl Into<SequenceInput>,
         frames: Range<u64>,
         off_plane: OffPlane,
         options: &PairingOptions,
     ) -> Result<Self, PipelineError> {
-        let without_pixels = SequenceSettings { images: false, ..input.clone() };
-        let survey = survey(&mut open(&without_pixels)?, options)?;
+        let input = input.into();
+        let survey = survey(&mut *input.open(false)?, options)?;
         let used: Vec<FramePose> = survey.poses.iter().filter(|pose| frames.contains(&pose.item)).copied().collect();
         if survey.poses.is_empty() {
             return Err(PipelineError::NothingUsed(Box::new(survey.ledger)));
@@ -61,14 +61,18 @@ impl Sequence {
     }
 
     /// Returns the recording.
-    pub(crate) fn input(&self) -> &SequenceSettings {
+    pub fn input(&self) -> &SequenceInput {
         &self.input
+    }
+
+    /// Returns the poses, the refusals and the route to the world, without the range of frames.
+    pub fn survey(&self) -> &Survey {
+        &self.survey
     }
 
     /// Returns the role of the only device.
     pub(super) fn role(&self) -> DeviceRole {
-        let name = self.input.path.display().to_string();
-        DeviceRole { name, gives: Gives::Pictures, frames: Vec::new(), latency_ns: 0 }
+        DeviceRole { name: self.input.name(), gives: Gives::Pictures, frames: Vec::new(), latency_ns: 0 }
     }
 }
 
@@ -89,7 +93,7 @@ pub(super) fn run(
     let status = common.status;
     pairing.route().iter().for_each(|route| status.route(route));
     let turns = status.turns.begin(Stage::Pairing);
-    let mut device = open(&input)?;
+    let mut device = input.open(true)?;
     device.start()?;
     while !ends.load(Ordering::Relaxed) {
         turns.turn();
@@ -135,8 +139,4 @@ pub(super) fn run(
     }
     device.stop()?;
     Ok(ingest.notes().iter().chain(pairing.notes()).cloned().collect())
-}
-
-fn open(input: &SequenceSettings) -> Result<Replay, sonoweave_core::Error> {
-    Ok(Replay::open(input)?)
 }

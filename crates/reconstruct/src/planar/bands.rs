@@ -29,6 +29,7 @@ const ROWS_AT_ONCE: usize = 6;
 struct Vector([f32; LANES]);
 
 /// Sixteen voxels' weights of the pixels that any of them reaches.
+#[derive(Clone)]
 struct Block {
     /// Columns of the data.
     columns: Range<usize>,
@@ -37,6 +38,7 @@ struct Block {
 }
 
 /// The band matrix, and the lines that it made of the last slice.
+#[derive(Clone)]
 pub(super) struct Bands {
     /// Lattice index of a line's first voxel.
     pub(super) first_z: i64,

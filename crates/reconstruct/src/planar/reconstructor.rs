@@ -22,6 +22,7 @@ use crate::stream::SAME_PIXEL;
 use crate::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
 
 /// Data fixed by the first slice.
+#[derive(Clone)]
 struct Scan {
     plane: ScanPlane,
     bands: Bands,
@@ -30,6 +31,7 @@ struct Scan {
 }
 
 /// Data that depends on the distance between the image's rows.
+#[derive(Clone)]
 struct Rows {
     row_mm: f64,
     kernels: [AxisKernel; 3],
@@ -104,6 +106,26 @@ impl PlanarReconstructor {
             clock,
             plan,
             work,
+        })
+    }
+
+    /// Returns a copy that continues by itself; neither changes with the other. They share threads.
+    ///
+    /// # Errors
+    /// When the system has no memory to give.
+    pub fn copy(&self) -> std::io::Result<Self> {
+        Ok(Self {
+            settings: self.settings.clone(),
+            planar: self.planar,
+            mask: self.mask.clone(),
+            data: self.data,
+            pool: self.pool.clone(),
+            scan: self.scan.clone(),
+            volume: self.volume.copy()?,
+            admission: self.admission.clone(),
+            clock: self.clock,
+            plan: Plan::default(),
+            work: self.work,
         })
     }
 

@@ -26,6 +26,7 @@ const LANE: [f32; LANES] = {
 };
 
 /// The kernel of one axis over distance.
+#[derive(Clone)]
 pub(super) struct KernelTable {
     /// Value at each step and the difference to the next, which is 0 at the end of the support.
     values: Box<[[f32; 2]; STEPS + 1]>,
@@ -55,6 +56,7 @@ impl KernelTable {
 }
 
 /// The kernel across the image's rows.
+#[derive(Clone)]
 pub(super) struct RowKernel {
     table: KernelTable,
     steps_per_row: f64,
@@ -65,6 +67,7 @@ pub(super) struct RowKernel {
 }
 
 /// The rows around a position and their weights.
+#[derive(Clone)]
 pub(super) struct Taps {
     /// Existing rows.
     pub(super) rows: Range<usize>,

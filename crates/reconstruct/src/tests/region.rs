@@ -225,3 +225,20 @@ fn planar_path_refuses_part_of_volume() {
     let settings = Settings { region: Some(BrickBox::EMPTY), ..settings() };
     assert_eq!(settings.beyond_planar().as_deref(), Some("a part of the volume"));
 }
+
+#[test]
+fn copy_continues_with_same_bits_and_leaves_original() {
+    for compounding in COMPOUNDINGS {
+        let slices = crossing();
+        let (before, after) = slices.split_at(20);
+        let mut whole = reconstructor(compounding, 256.0, None);
+        entered(&mut whole, before);
+        let at_copy = content(whole.volume());
+        let mut copy = whole.copy().unwrap();
+        entered(&mut copy, after);
+        assert_eq!(content(whole.volume()), at_copy, "{compounding}: the original has changed");
+        entered(&mut whole, after);
+        assert_eq!(content(copy.volume()), content(whole.volume()), "{compounding}");
+        assert_eq!(copy.work(), whole.work(), "{compounding}");
+    }
+}

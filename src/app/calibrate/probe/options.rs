@@ -128,6 +128,7 @@ fn ruler(text: &str) -> Result<Ruler, String> {
 }
 
 /// A calibration, as the file keeps it.
+#[derive(Clone)]
 pub(crate) struct Made {
     pub(crate) probe_from_image: Transform<Probe, Image>,
     pub(crate) provenance: String,

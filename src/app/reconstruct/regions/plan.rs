@@ -10,6 +10,7 @@ use serde_json::Value;
 use formats::whole::write_whole;
 use ome_zarr::{ShardWriter, plan_path};
 use pipeline::regions::SweepPlan;
+use pipeline::session::SequenceInput;
 use statistics::{RegionNumbers, RegionWork};
 use volume::brick::BrickBox;
 
@@ -23,41 +24,30 @@ const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " ", env!("SONOWEAVE_BU
 
 /// The recording's file, as it was when the plan was made.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Recording {
+struct Recording {
+    path: PathBuf,
     /// Length, bytes.
     bytes: u64,
     /// Time of its last change, ns since 1970.
     changed_ns: u128,
-    /// SHA-256.
-    pub(super) sha256: String,
 }
 
 impl Recording {
-    /// Reads a file's properties.
-    ///
-    /// # Errors
-    /// [`Failure`] when the file cannot be read.
-    pub(super) fn of(path: &Path) -> Result<Self, Failure> {
-        let (bytes, changed_ns) = Self::stamp(path)?;
-        Ok(Self { bytes, changed_ns, sha256: input::hash(path)? })
-    }
-
-    fn stamp(path: &Path) -> Result<(u64, u128), Failure> {
+    fn of(path: &Path) -> Result<Self, Failure> {
         let there = fs::metadata(path).map_err(|error| Failure::io(path, "reading", &error))?;
         let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-        Ok((there.len(), changed.unwrap_or_default().as_nanos()))
+        Ok(Self { path: path.into(), bytes: there.len(), changed_ns: changed.unwrap_or_default().as_nanos() })
     }
 
-    /// Checks that a file is this recording: by length and time, else by its content.
-    fn check(&self, path: &Path) -> Result<(), Failure> {
-        let (bytes, changed_ns) = Self::stamp(path)?;
-        let is_same = bytes == self.bytes && (changed_ns == self.changed_ns || input::hash(path)? == self.sha256);
-        if is_same {
+    /// Checks that the file is the same: by length and time, else by its content.
+    fn check(&self, sha256: &str) -> Result<(), Failure> {
+        let now = Self::of(&self.path)?;
+        if now == *self || now.bytes == self.bytes && input::hash(&self.path)? == sha256 {
             return Ok(());
         }
         Err(Failure::new(format!(
             "{}: has changed since the plan was made; give back the planned recording, or plan again",
-            path.display()
+            self.path.display()
         ))
         .of(FailureKind::Input))
     }
@@ -67,7 +57,10 @@ impl Recording {
 #[derive(Serialize, Deserialize)]
 pub(crate) struct RegionsPlan {
     program: String,
-    pub(super) recording: Recording,
+    /// SHA-256 of the recording.
+    pub(super) sha256: String,
+    /// The recording's file, if there is one; with its path in full.
+    recording: Option<Recording>,
     pub(super) described: Described,
     /// The regions that slices meet.
     pub(crate) regions: Vec<BrickBox>,
@@ -84,21 +77,16 @@ pub(crate) struct RegionsPlan {
 
 impl RegionsPlan {
     /// Returns the plan of a volume to be written there.
-    ///
-    /// # Errors
-    /// [`Failure`] when the recording has no absolute path.
     pub(super) fn new(
         path: PathBuf,
-        recording: Recording,
+        sha256: String,
         described: Described,
         regions: Vec<BrickBox>,
         meetings: u64,
-        mut sweep: SweepPlan,
-    ) -> Result<Self, Failure> {
-        let absolute = sweep.recording.canonicalize();
-        sweep.recording = absolute.map_err(|error| Failure::io(&sweep.recording, "opening", &error))?;
-        let (program, report) = (PROGRAM.trim_end().to_owned(), Value::Null);
-        Ok(Self { program, recording, described, regions, meetings, report, sweep, path })
+        sweep: SweepPlan,
+    ) -> Self {
+        let (program, report, recording) = (PROGRAM.trim_end().to_owned(), Value::Null, None);
+        Self { program, sha256, recording, described, regions, meetings, report, sweep, path }
     }
 
     /// The volume.
@@ -145,11 +133,16 @@ impl RegionsPlan {
         Ok(plan)
     }
 
-    /// Writes the plan into the unfinished volume.
+    /// Writes the plan into the unfinished volume, for other processes.
     ///
     /// # Errors
-    /// [`Failure`] when the file cannot be written.
-    pub(super) fn write(&self) -> Result<(), Failure> {
+    /// [`Failure`] when the recording is no file, or the plan's cannot be written.
+    pub(super) fn write(&mut self) -> Result<(), Failure> {
+        if let SequenceInput::File(settings) = &mut self.sweep.input {
+            let path = settings.path.canonicalize();
+            settings.path = path.map_err(|error| Failure::io(&settings.path, "opening", &error))?;
+            self.recording = Some(Recording::of(&settings.path)?);
+        }
         let (file, text) = (plan_path(&self.path), serde_json::to_vec(self)?);
         write_whole(&file, |to| to.write_all(&text)).map_err(|error| Failure::io(&file, "writing", &error))
     }
@@ -159,7 +152,7 @@ impl RegionsPlan {
     /// # Errors
     /// [`Failure`] when it has changed.
     pub(super) fn check_recording(&self) -> Result<(), Failure> {
-        self.recording.check(&self.sweep.recording)
+        self.recording.as_ref().map_or(Ok(()), |recording| recording.check(&self.sha256))
     }
 
     /// Prepares to write the volume.

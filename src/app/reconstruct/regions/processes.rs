@@ -52,12 +52,12 @@ pub(crate) struct RegionStatus {
 ///
 /// # Errors
 /// [`Failure`] when no frame can be used, or the volume cannot be written region by region.
-pub(crate) fn plan(request: &Request<'_>, sweep: Sweep, steps: Steps<'_>) -> Result<RegionsPlan, Failure> {
+pub(crate) fn plan(request: &Request, sweep: Sweep, steps: Steps<'_>) -> Result<RegionsPlan, Failure> {
     request.check_regions()?;
     let (sweep, mut outcome) = sweep.plan(steps)?;
     let mut plan = request.plan_regions(sweep, &mut outcome)?;
     let statistics = request.planned_statistics(&plan, &outcome);
-    plan.report = serde_json::from_str(&request.document(&statistics, &plan.recording.sha256, None::<&()>)?)?;
+    plan.report = serde_json::from_str(&request.document(&statistics, &plan.sha256, None::<&()>)?)?;
     let (_writer, _) = OmeZarrWriter::create(plan.path(), &plan.described.meta)?;
     plan.write()?;
     Ok(plan)

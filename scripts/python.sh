@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# Builds the Python package and runs its checks: the wheel from a source distribution, its tests
+# with the oldest and the newest NumPy, types, documentation and tutorials. Installs Debian's
+# python3-venv if it is missing, and Python packages into out/python (700 MB).
+#
+#   scripts/python.sh
+#
+# SONOWEAVE_PYTHON_QUICK=1 builds the module without optimisation and from the folder itself.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+root=$PWD
+out=$root/out/python
+say() { echo "python: $*"; }
+
+python3 -c 'import ensurepip, venv' 2>/dev/null || scripts/setup.sh python
+# environment NAME REQUIREMENT…: makes an environment, once.
+environment() {
+    local name=$1 wanted
+    shift
+    wanted=$(cat python/requirements.txt; printf '%s\n' "$@")
+    if [ ! -x "$out/$name/bin/python" ] || [ "$wanted" != "$(cat "$out/$name/wanted.txt" 2>/dev/null)" ]; then
+        say "installing Python packages into $out/$name"
+        python3 -m venv --clear "$out/$name"
+        "$out/$name/bin/pip" --disable-pip-version-check install --quiet -r python/requirements.txt "$@"
+        printf '%s' "$wanted" >"$out/$name/wanted.txt"
+    fi
+}
+mkdir -p "$out"
+environment newest "numpy>=2"
+maturin=$out/newest/bin/maturin
+
+rm -rf "$out/dist" "$out/wheels" "$out/source"
+mkdir -p "$out/dist" "$out/wheels" "$out/source"
+build=(--locked --interpreter "$out/newest/bin/python" --out "$out/wheels")
+program=${SONOWEAVE_PROGRAM:-}
+if [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
+    (cd python && "$maturin" build --profile dev "${build[@]}" --quiet)
+    cargo build --locked --quiet -p sonoweave
+    program=${program:-${CARGO_TARGET_DIR:-target}/debug/sonoweave}
+else
+    cargo fetch --locked --quiet
+    (cd python && "$maturin" sdist --out "$out/dist" >"$out/sdist.log" 2>&1)
+    tar xzf "$out"/dist/sonoweave-*.tar.gz -C "$out/source" --strip-components=1
+    # The distribution lacks some members of the workspace: what only they need leaves the list of
+    # crates, and nothing enters it.
+    pairs() { awk -F'"' '/^name = /{ name = $2 } /^version = /{ print name, $2 }' "$1" | sort; }
+    pairs "$out/source/Cargo.lock" >"$out/crates.txt"
+    (cd "$out/source" && cargo metadata --offline --format-version 1 >/dev/null)
+    new=$(pairs "$out/source/Cargo.lock" | comm -23 - "$out/crates.txt")
+    [ -z "$new" ] || {
+        say "the distribution would be built with other crates: $new" >&2
+        exit 1
+    }
+    say "building the wheel from the source distribution"
+    (cd "$out/source" && CARGO_TARGET_DIR=$root/target/wheel CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_INCREMENTAL=0 \
+        "$maturin" build --release "${build[@]}" --quiet)
+    program=${program:-$(scripts/build.sh)}
+fi
+wheel=$(echo "$out"/wheels/sonoweave-*.whl)
+bytes=$(stat -c %s "$wheel")
+say "$(basename "$wheel"), $((bytes / 1000)) kB"
+[ "$bytes" -le 25000000 ] || {
+    say "the wheel exceeds 25 MB" >&2
+    exit 1
+}
+export SONOWEAVE_PROGRAM
+SONOWEAVE_PROGRAM=$(realpath "$program")
+
+# Outside of the sources, so that the installed package is tested.
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+install() { "$out/$1/bin/pip" --disable-pip-version-check install --quiet --force-reinstall --no-deps "$wheel"; }
+tests() { (cd "$work" && "$out/$1/bin/python" -m pytest -q -p no:cacheprovider -c "$root/python/pyproject.toml" --rootdir "$root/python" "${@:2}"); }
+
+install newest
+say "tests with NumPy $("$out/newest/bin/python" -c 'import numpy; print(numpy.__version__)')"
+tests newest "$root/python/tests"
+say "documentation"
+tests newest --doctest-modules --pyargs sonoweave
+"$out/newest/bin/python" scripts/python_documentation.py
+say "types"
+cp python/pyproject.toml "$work/"
+(cd "$work" && "$out/newest/bin/mypy" --strict -p sonoweave && "$out/newest/bin/mypy" --strict "$root"/python/tutorials/*.py &&
+    "$out/newest/bin/python" -m mypy.stubtest sonoweave --mypy-config-file pyproject.toml)
+
+# NumPy of Debian 12; other packages need a newer one.
+if [ ! -x "$out/oldest/bin/python" ]; then
+    python3 -m venv --clear "$out/oldest"
+    "$out/oldest/bin/pip" --disable-pip-version-check install --quiet "numpy==1.24.*" "pytest<9"
+fi
+install oldest
+say "tests with NumPy $("$out/oldest/bin/python" -c 'import numpy; print(numpy.__version__)')"
+tests oldest "$root/python/tests" --ignore "$root/python/tests/test_tutorials.py"
+say "passed"

@@ -1,0 +1,47 @@
+//! The flags of `render` as keywords of a program: the same names, values and defaults.
+
+use clap::Parser;
+
+use config::view_settings::Draw;
+
+use super::view_flags::ViewFlags;
+use crate::app::input;
+use crate::app::render::look::Look;
+use crate::cli::reconstruct::keywords::parse_as;
+use crate::cli::values;
+use crate::failure::Failure;
+
+#[derive(Debug, Parser)]
+#[command(no_binary_name = true, disable_help_flag = true)]
+struct Keywords {
+    #[arg(long, value_parser = values::window, allow_hyphen_values = true)]
+    window: Option<WindowValue>,
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    #[command(flatten)]
+    view_flags: ViewFlags,
+}
+
+// clap takes an array for its own notation of repeated values; a named type is a single value to
+// it.
+type WindowValue = [f32; 2];
+
+/// Settings of a picture.
+pub(crate) struct Picture {
+    pub(crate) look: Look,
+    /// Grey values that are black and white; `None` for the volume's.
+    pub(crate) window: Option<[f32; 2]>,
+    pub(crate) threads: usize,
+}
+
+/// Parses keywords, such as `image_size` and `512x512`, as the flags of their names.
+///
+/// # Errors
+/// [`Failure`] names the keyword, its value and the values that it takes.
+pub(crate) fn parse(keywords: &[(String, String)]) -> Result<Picture, Failure> {
+    let Keywords { window, threads, view_flags } = parse_as(keywords)?;
+    if let Some(what) = view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe)) {
+        fail!("draw {}: a volume has no current slice; draw scale or cube", what.name());
+    }
+    Ok(Picture { look: view_flags.look()?, window, threads: input::threads(threads) })
+}

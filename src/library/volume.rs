@@ -1,0 +1,284 @@
+//! A volume in memory.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Instant;
+
+use export::volume::{DenseBox, Encoding, Scalar};
+use formats::image::VolumeSlices;
+use pipeline::Outcome;
+use sonoweave_core::ledger::Ledger;
+use volume::{DenseVolume, Grid, Values};
+
+use super::{Keywords, LibraryError, MemorySlices};
+use crate::app::convert::{Changes, write};
+use crate::app::input;
+use crate::app::provenance::Made;
+use crate::app::reconstruct::beside::Beside;
+use crate::app::reconstruct::origin::Origin;
+use crate::app::reconstruct::outputs::Request;
+use crate::app::reconstruct::sweep::Sweep;
+use crate::app::reconstruct::zarr::is_ome_zarr;
+use crate::app::render::image;
+use crate::app::volume_input;
+use crate::cli::render::keywords::{Picture, parse};
+use crate::failure::Failure;
+
+/// Ranges of voxels along x, y, z, by index from the volume's first voxel.
+pub type VoxelBox = [Range<usize>; 3];
+
+/// A volume in memory. It does not change.
+pub struct LibraryVolume {
+    grid: Grid,
+    content: Content,
+}
+
+#[allow(clippy::large_enum_variant, reason = "few, and never moved")]
+enum Content {
+    /// The state of a reconstruction.
+    Reconstruction {
+        outcome: Mutex<Outcome>,
+        space: DenseBox,
+        sweep: Sweep,
+        keywords: Keywords,
+        origin: Origin,
+        /// The same, as a file of single precision would hold it; made for the first picture.
+        dense: OnceLock<DenseVolume>,
+    },
+    /// Values of a file, or of a program.
+    Dense(DenseVolume),
+}
+
+impl LibraryVolume {
+    pub(super) fn of_outcome(
+        outcome: Outcome,
+        sweep: &Sweep,
+        keywords: Keywords,
+        origin: Origin,
+    ) -> Result<Self, LibraryError> {
+        let space = keywords.flags()?.outputs(None, Beside::default()).dense_box(&outcome)?;
+        let sweep = sweep.without_observers();
+        let outcome = Mutex::new(outcome);
+        let content = Content::Reconstruction { outcome, space, sweep, keywords, origin, dense: OnceLock::new() };
+        Ok(Self { grid: space.grid, content })
+    }
+
+    /// Opens a file, or an OME-Zarr folder, which may have weights itself. The memory it may take
+    /// is that of the keyword `max_memory`.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when it cannot be read.
+    pub fn open(path: &Path, weights: Option<&Path>, keywords: &Keywords) -> Result<Self, LibraryError> {
+        let limit_bytes = keywords.flags()?.sweep(path)?.session.settings.memory_bytes;
+        let dense = volume_input::dense(path, weights, limit_bytes);
+        Ok(Self::of_dense(dense.map_err(|failure| LibraryError::of_failure(path, failure))?))
+    }
+
+    /// Takes values from memory, and weights on the same grid.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when the axes span no space.
+    pub fn of_slices(values: MemorySlices<'_>, weights: Option<MemorySlices<'_>>) -> Result<Self, LibraryError> {
+        let path = Path::new("volume in memory");
+        let dense = DenseVolume::read((path, values), weights.map(|weights| (path, weights)), u64::MAX);
+        Ok(Self::of_dense(dense.map_err(|error| LibraryError::at(path, error))?))
+    }
+
+    fn of_dense(dense: DenseVolume) -> Self {
+        Self { grid: dense.grid(), content: Content::Dense(dense) }
+    }
+
+    /// Returns its place in the world.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Returns values and weights of a box, x fastest; both 0 for unseen voxels. Threads share the
+    /// work.
+    ///
+    /// # Panics
+    /// When the box exceeds the volume: the caller has checked it.
+    pub fn read(&self, voxels: &VoxelBox, values: &mut [f32], weights: &mut [f32]) {
+        match &self.content {
+            Content::Reconstruction { outcome, space, .. } => {
+                let outcome = lock(outcome);
+                let index = |voxel: [i64; 3]| std::array::from_fn(|a| space.first[a] + voxel[a]);
+                read(outcome.reconstructor.volume(), index, voxels, values, weights);
+            }
+            Content::Dense(dense) => read(dense, |voxel| dense.index(voxel), voxels, values, weights),
+        }
+    }
+
+    /// Returns the account of the frames in it; `None` for a file.
+    pub fn ledger(&self) -> Option<Ledger> {
+        match &self.content {
+            Content::Reconstruction { outcome, .. } => Some(lock(outcome).ledger.clone()),
+            Content::Dense(_) => None,
+        }
+    }
+
+    /// Returns notes for the user, as sentences.
+    pub fn notes(&self) -> Vec<String> {
+        match &self.content {
+            Content::Reconstruction { outcome, .. } => lock(outcome).notes.clone(),
+            Content::Dense(dense) => dense.notes().to_vec(),
+        }
+    }
+
+    /// Returns the values that mean black and white in the scanner's frames.
+    pub fn range(&self) -> [f32; 2] {
+        match &self.content {
+            Content::Reconstruction { outcome, .. } => lock(outcome).pixels.grey_levels(),
+            Content::Dense(dense) => dense.range(),
+        }
+    }
+
+    /// Returns the fields of a file's header; for a reconstruction those of a file of single
+    /// precision, without its origin.
+    pub fn fields(&self) -> Vec<(String, String)> {
+        match &self.content {
+            Content::Reconstruction { outcome, space, .. } => {
+                let (input, calibration) = (String::new(), String::new());
+                let encoding = Encoding { scalar: Scalar::F32, window: None, unseen: 0.0 };
+                let outcome = &*lock(outcome);
+                Made { outcome, space, encoding: &encoding, input, calibration, cropped: false }.fields()
+            }
+            Content::Dense(dense) => dense.header().fields.clone(),
+        }
+    }
+
+    /// Returns a picture of it by the flags of `render`: width, height, and red, green, blue of
+    /// each pixel.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when a setting does not fit.
+    pub fn picture(&self, keywords: &[(String, String)]) -> Result<([u32; 2], Vec<u8>), LibraryError> {
+        let Picture { look, window, threads } = parse(keywords)?;
+        let image = image(self.dense()?, &look, window, threads)?;
+        Ok(([image.width(), image.height()], image.into_raw()))
+    }
+
+    fn dense(&self) -> Result<&DenseVolume, LibraryError> {
+        match &self.content {
+            Content::Dense(dense) => Ok(dense),
+            Content::Reconstruction { dense, .. } => {
+                if let Some(dense) = dense.get() {
+                    return Ok(dense);
+                }
+                let all: VoxelBox = self.grid.size.map(|n| 0..n as usize);
+                let voxels = all.iter().map(Range::len).product();
+                let (mut values, mut weights) = (vec![0.0; voxels], vec![0.0; voxels]);
+                self.read(&all, &mut values, &mut weights);
+                let Grid { size, spacing, origin, direction } = self.grid;
+                let axes = [direction.x_axis, direction.y_axis, direction.z_axis].map(|axis| axis.to_array());
+                let size = size.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+                let place = (spacing.to_array(), origin.to_array(), axes);
+                let slices = MemorySlices::new(size, place, &values, self.fields());
+                let of_weights = MemorySlices::new(size, place, &weights, Vec::new());
+                let path = Path::new("the reconstruction");
+                let made = DenseVolume::read((path, slices), Some((path, of_weights)), u64::MAX);
+                let made = made.map_err(|error| LibraryError::at(path, error))?;
+                Ok(dense.get_or_init(|| made))
+            }
+        }
+    }
+
+    /// Writes the volume in the format of the name; a reconstruction as the command line writes
+    /// it, by keywords such as `type`, `window`, `unseen`, `fill` and `weights`. Returns the report
+    /// of a reconstruction, as JSON.
+    ///
+    /// # Errors
+    /// [`LibraryError`]: the file that failed does not exist, or is as before.
+    pub fn write(&self, path: &Path, given: &Keywords, weights: Option<&Path>) -> Result<Option<String>, LibraryError> {
+        let began = Instant::now();
+        let failed = |failure| LibraryError::of_failure(path, failure);
+        match &self.content {
+            Content::Reconstruction { outcome, sweep, keywords, origin, .. } => {
+                let flags = given.or(keywords).flags().map_err(failed)?;
+                let beside = Beside { weights: weights.map(Path::to_owned), ..Beside::default() };
+                let options = flags.outputs(Some(path), beside);
+                let request = Request::new(origin.clone(), sweep, options, began).map_err(failed)?;
+                let written = request.write(&mut lock(outcome), None::<&()>).map_err(failed)?;
+                Ok(Some(written.document))
+            }
+            Content::Dense(_) if *given != Keywords::default() => {
+                Err(failed(Failure("a volume of a file is written as it is; leave out the settings".into())))
+            }
+            Content::Dense(dense) => {
+                if is_ome_zarr(path) || input::is_dicom(path) {
+                    return Err(failed(Failure::usage(format!(
+                        "{}: only a reconstruction is written so; give .mha, .mhd, .nrrd, .nhdr, .nii or .nii.gz",
+                        path.display()
+                    ))));
+                }
+                let outputs = [Some(path), weights].into_iter().flatten();
+                outputs
+                    .clone()
+                    .try_for_each(|path| input::check_volume(path).and(input::check_output(path)))
+                    .map_err(failed)?;
+                let [nx, ny, nz] = dense.header().size;
+                let all: VoxelBox = [nx, ny, nz].map(|n| 0..n as usize);
+                let voxels = all.iter().map(Range::len).product();
+                let (mut values, mut of_voxels) = (vec![0.0; voxels], vec![0.0; voxels]);
+                self.read(&all, &mut values, &mut of_voxels);
+                for (path, values) in outputs.zip([&values, &of_voxels]) {
+                    let header = dense.header();
+                    let place = (header.spacing, header.origin, header.axes);
+                    let mut slices = MemorySlices::new(header.size, place, values, header.fields.clone());
+                    let from: (&Path, &mut dyn VolumeSlices) = (path, &mut slices);
+                    write::volume(from, path, &Changes::default(), &|_| {})
+                        .map_err(|error| LibraryError::at(path, error))?;
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    /// Returns the recordings that it was made of; `None` for a file or frames in memory.
+    pub fn recording(&self) -> Option<PathBuf> {
+        match &self.content {
+            Content::Reconstruction { origin: Origin::File(path), .. } => Some(path.clone()),
+            _ => None,
+        }
+    }
+}
+
+fn lock(outcome: &Mutex<Outcome>) -> MutexGuard<'_, Outcome> {
+    outcome.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Reads a box; each thread some of its planes.
+fn read(
+    volume: &(impl Values + ?Sized),
+    index: impl Fn([i64; 3]) -> [i64; 3] + Sync,
+    [xs, ys, zs]: &VoxelBox,
+    values: &mut [f32],
+    weights: &mut [f32],
+) {
+    let (row, plane) = (xs.len(), xs.len() * ys.len());
+    if plane == 0 || zs.is_empty() {
+        return;
+    }
+    let threads = input::threads(None).min(zs.len());
+    let each = zs.len().div_ceil(threads);
+    let parts = values.chunks_mut(each * plane).zip(weights.chunks_mut(each * plane));
+    let of_part = |part: usize, values: &mut [f32], weights: &mut [f32]| {
+        let rows = values.chunks_exact_mut(row).zip(weights.chunks_exact_mut(row));
+        for (at, (values, weights)) in rows.enumerate() {
+            let (y, z) = (ys.start + at % ys.len(), zs.start + part * each + at / ys.len());
+            volume.values(index([xs.start as i64, y as i64, z as i64]), values, weights);
+        }
+    };
+    std::thread::scope(|scope| {
+        let mut parts = parts.enumerate();
+        let first = parts.next();
+        for (part, (values, weights)) in parts {
+            let of_part = &of_part;
+            scope.spawn(move || of_part(part, values, weights));
+        }
+        if let Some((part, (values, weights))) = first {
+            of_part(part, values, weights);
+        }
+    });
+}
