@@ -24,22 +24,18 @@ pub(crate) struct Frames {
 /// Another shape or type.
 pub(crate) fn frames(array: &Bound<'_, PyAny>) -> PyResult<Frames> {
     if let Ok(array) = array.extract::<PyReadonlyArrayDyn<'_, u8>>() {
-        return copy(&array, PixelType::U8, |value| value.to_ne_bytes());
+        return copy(&array, PixelType::U8);
     }
     if let Ok(array) = array.extract::<PyReadonlyArrayDyn<'_, u16>>() {
-        return copy(&array, PixelType::U16, |value| value.to_ne_bytes());
+        return copy(&array, PixelType::U16);
     }
     match array.extract::<PyReadonlyArrayDyn<'_, f32>>() {
-        Ok(array) => copy(&array, PixelType::F32, |value| value.to_ne_bytes()),
+        Ok(array) => copy(&array, PixelType::F32),
         Err(_) => Err(errors::input(array.py(), "frames: must be an array of uint8, uint16 or float32".into())),
     }
 }
 
-fn copy<T: numpy::Element + Copy, const N: usize>(
-    array: &PyReadonlyArrayDyn<'_, T>,
-    pixel: PixelType,
-    bytes: impl Fn(T) -> [u8; N],
-) -> PyResult<Frames> {
+fn copy<T: numpy::Element + bytemuck::Pod>(array: &PyReadonlyArrayDyn<'_, T>, pixel: PixelType) -> PyResult<Frames> {
     let wrong = || {
         let shape =
             format!("frames: must be a C-contiguous array (N, height, width); the shape is {:?}", array.shape());
@@ -50,12 +46,7 @@ fn copy<T: numpy::Element + Copy, const N: usize>(
     else {
         return Err(wrong());
     };
-    let frame = |at: usize| -> Arc<[u8]> {
-        let values = &values[at * width * height..(at + 1) * width * height];
-        let mut pixels = vec![0; values.len() * N];
-        pixels.as_chunks_mut::<N>().0.iter_mut().zip(values).for_each(|(place, value)| *place = bytes(*value));
-        pixels.into()
-    };
+    let frame = |at: usize| Arc::from(bytemuck::cast_slice(&values[at * width * height..(at + 1) * width * height]));
     Ok(Frames { size: [width_px, height_px], pixel, frames: (0..count).map(frame).collect() })
 }
 

@@ -87,16 +87,28 @@ def test_other_threads_run_meanwhile(counter, long_sweep, tmp_path, name) -> Non
 
 
 def test_interrupt_ends_run_and_keeps_volume(long_sweep) -> None:
-    reconstructor = Reconstructor(spacing=0.2, clip="none", threads=1)
-    killer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
-    killer.start()
-    began = time.perf_counter()
+    # To and fro five times, so that it takes a second.
+    frames, poses = np.stack(list(long_sweep)), long_sweep.poses
+    long = Sequence.from_arrays(np.tile(frames, (5, 1, 1)), np.tile(poses, (5, 1, 1)))
+    reconstructor = Reconstructor(spacing=0.25, clip="none", threads=1)
+    interrupted: list[float] = []
+
+    def interrupt() -> None:
+        time.sleep(0.03)
+        interrupted.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def progress(done: int, total: int) -> None:
+        if not interrupted and not killer.is_alive():
+            killer.start()
+
+    killer = threading.Thread(target=interrupt)
     with pytest.raises(KeyboardInterrupt):
-        reconstructor.insert_all(long_sweep)
-    assert time.perf_counter() - began < 2.0
+        reconstructor.insert_all(long, progress=progress)
+    assert time.perf_counter() - interrupted[0] < 1.0
     frames = reconstructor.ledger["frames"]
     assert (
-        0 < frames["used"] < len(long_sweep)
+        0 < frames["used"] < len(long)
         and frames["used"] == frames["total"]
         and frames["waiting"] == 0
     )
