@@ -8,6 +8,7 @@ from numpydoc.validate import validate
 
 MODULES = (
     "sonoweave",
+    "sonoweave.batch",
     "sonoweave.errors",
     "sonoweave.live",
     "sonoweave.bridges",

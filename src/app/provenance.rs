@@ -56,6 +56,12 @@ impl Made<'_> {
     }
 }
 
+/// Returns the identity of this program: its version and its commit.
+pub(crate) fn program() -> String {
+    let (version, commit) = (env!("CARGO_PKG_VERSION"), env!("SONOWEAVE_BUILT_FROM"));
+    if commit.is_empty() { version.to_owned() } else { format!("{version} {commit}") }
+}
+
 /// Returns the grey values that mean black and white in the file.
 pub(crate) fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
     match (encoding.window, pixels) {

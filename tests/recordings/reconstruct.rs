@@ -193,7 +193,7 @@ fn rf(folder: &Path) -> Result<(), Failed> {
     let file = folder.join(RF).canonicalize()?.display().to_string();
     let matrix = "0.1 0 0 0 0 0.1 0 0 0 0 1 0 0 0 0 1";
     let (code, _, stderr) = sonoweave(&place, &["reconstruct", &file, "-o", "v.mha", "--image-to-probe", matrix]);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(4));
     assert!(stderr.contains("cannot be placed in space"), "{stderr}");
     assert_eq!(std::fs::read_dir(place.path())?.count(), 0);
     let (_, out, _) = sonoweave(&place, &["inspect", "--json", &file]);
@@ -207,7 +207,7 @@ fn samples(folder: &Path) -> Result<(), Failed> {
     let place = tempfile::tempdir()?;
     let [file, config] = [SAMPLES, SPINE_XML].map(|f| folder.join(f).canonicalize().unwrap().display().to_string());
     let (code, _, stderr) = sonoweave(&place, &["reconstruct", &file, "-o", "v.mha", "--config", &config]);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(5));
     assert!(stderr.contains("no frame could be used"), "{stderr}");
     let (_, out, _) = sonoweave(&place, &["inspect", "--json", &file, "--config", &config]);
     let report: Value = serde_json::from_str(&out)?;

@@ -84,12 +84,6 @@ pub(crate) fn recording(path: &Path) -> (Vec<PathBuf>, u64) {
     }
 }
 
-/// Returns the identity of this program: its version and its commit.
-pub(crate) fn program() -> String {
-    let (version, commit) = (env!("CARGO_PKG_VERSION"), env!("SONOWEAVE_BUILT_FROM"));
-    if commit.is_empty() { version.to_owned() } else { format!("{version} {commit}") }
-}
-
 /// Returns the content key of a sweep.
 pub(crate) fn content_key(inputs: &[Input], settings: &[String], outputs: &[String], program: &str) -> String {
     let mut hasher = Sha256::new();

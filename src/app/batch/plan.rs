@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 use super::folder::RunFolder;
 use super::key::{self, Input, Inputs};
 use super::manifest::{self, BadRow, Row};
+use crate::app::provenance::program;
 use crate::failure::{Failure, FailureKind};
 
 /// Most rows whose problems are listed.
@@ -67,7 +68,7 @@ pub(crate) fn plan(
     let (rows, mut bad) = manifest::read(manifest)?;
     let beside = manifest.canonicalize().map_err(|e| Failure::io(manifest, "reading", &e))?;
     let beside = beside.parent().unwrap_or(Path::new("/"));
-    let (inputs, program) = (Inputs::default(), key::program());
+    let (inputs, program) = (Inputs::default(), program());
     let planned: Vec<Result<Planned, BadRow>> = rows
         .into_par_iter()
         .map(|row| {
@@ -197,7 +198,7 @@ pub(crate) fn read(folder: &RunFolder) -> Result<Vec<Planned>, Failure> {
 /// # Errors
 /// [`Failure`] when it is of another one.
 pub(crate) fn check_program(folder: &RunFolder, sweeps: &[Planned]) -> Result<(), Failure> {
-    let program = key::program();
+    let program = program();
     match sweeps.iter().find(|sweep| sweep.program != program) {
         None => Ok(()),
         Some(other) => {

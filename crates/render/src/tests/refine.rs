@@ -204,13 +204,12 @@ fn invalid_or_same_view_changes_nothing() {
     assert_eq!((renderer.work(), renderer.picture()), (work, picture));
     // If a cache is too large for one view, the next view chooses it again.
     let wide = from(45.0, 35.0);
-    let bytes = |view| {
-        let settings = RenderSettings { view, ..settings.clone() };
-        Renderer::new(&settings, region).unwrap().memory().rays
-    };
-    let (front, corner) = (bytes(settings.view), bytes(wide));
-    assert_ne!(front, corner);
+    let of = |view| Renderer::new(&RenderSettings { view, ..settings.clone() }, region).unwrap();
+    let (front, corner) = (of(settings.view), of(wide));
+    assert_ne!(front.memory().rays, corner.memory().rays);
     renderer.set_view(wide).unwrap();
     finish(&mut renderer);
-    assert_eq!(renderer.memory().rays, corner);
+    assert_eq!(renderer.cache(), corner.cache());
+    // The room of longer rays is kept.
+    assert_eq!(renderer.memory().rays, front.memory().rays.max(corner.memory().rays));
 }

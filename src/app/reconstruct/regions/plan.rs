@@ -16,11 +16,9 @@ use volume::brick::BrickBox;
 
 use crate::app::input;
 use crate::app::json::document;
+use crate::app::provenance::program;
 use crate::app::reconstruct::zarr::{Described, Target};
 use crate::failure::{Failure, FailureKind};
-
-/// The program that made a plan. Another version or build may decide otherwise.
-const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " ", env!("SONOWEAVE_BUILT_FROM"));
 
 /// The recording's file, as it was when the plan was made.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,6 +54,7 @@ impl Recording {
 /// The plan of a volume: everything that a process needs to reconstruct one of its regions.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct RegionsPlan {
+    /// Another version or build may decide otherwise.
     program: String,
     /// SHA-256 of the recording.
     pub(super) sha256: String,
@@ -85,7 +84,7 @@ impl RegionsPlan {
         meetings: u64,
         sweep: SweepPlan,
     ) -> Self {
-        let (program, report, recording) = (PROGRAM.trim_end().to_owned(), Value::Null, None);
+        let (program, report, recording) = (program(), Value::Null, None);
         Self { program, sha256, recording, described, regions, meetings, report, sweep, path }
     }
 
@@ -115,12 +114,12 @@ impl RegionsPlan {
             Failure::new(format!("{}: is no plan ({error}); make it again by `sonoweave regions plan`", file.display()))
                 .of(FailureKind::Input)
         })?;
-        let program = value.get("program").and_then(Value::as_str).unwrap_or_default().to_owned();
-        if program != PROGRAM.trim_end() {
+        let made_by = value.get("program").and_then(Value::as_str).unwrap_or_default().to_owned();
+        if made_by != program() {
             return Err(Failure::new(format!(
-                "{}: was made by sonoweave {program}, and this is {}; use that program, or plan again",
+                "{}: was made by sonoweave {made_by}, and this is {}; use that program, or plan again",
                 file.display(),
-                PROGRAM.trim_end()
+                program()
             ))
             .of(FailureKind::Configuration));
         }
