@@ -103,6 +103,7 @@ test("a fan that was found is dragged by its near arc, and used", async () => {
   await button(page, "Adjust").click();
   assert.equal(await page.locator("#mask-kind").inputValue(), "fan");
   const arc = page.getByRole("slider", { name: "Near arc" });
+  await arc.waitFor();
   const { x, y, width, height } = await arc.boundingBox();
   await page.mouse.move(x + width / 2, y + height / 2);
   await page.mouse.down();
