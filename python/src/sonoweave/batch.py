@@ -96,6 +96,9 @@ def run(
     words = ["batch", "run", str(folder), "--jobs=1", *flags, "--only"]
     said = _all(client, program, words, [sweep["id"] for sweep in missing], progress)
     failed = {sweep["id"]: said[sweep["id"]] for sweep in missing if not _is_done(folder, sweep)}
+    if not failed:
+        # Starts nothing, and removes what killed processes have left.
+        _call(program, ["batch", "run", str(folder)])
     return Summary(len(sweeps) - len(failed), failed, len(missing))
 
 
