@@ -2,9 +2,9 @@
 //!
 //! Parts read, light and store their voxels side by side, of which a renderer without parts does
 //! some on one thread. For this, they light voxels near the cuts twice, keep a table of rays each,
-//! and cast rays that another part hides. `make render-parts` measures this, and `docs/numbers.md`
-//! has the table: two parts gain where a picture is small beside its volume, and lose at 512×512
-//! pixels and after each slice of a freehand scan. More than two never gain more on two threads.
+//! and cast rays that another part hides. `make render-parts` measures this: two parts gain where a
+//! picture is small beside its volume, and lose at 512×512 pixels and after each slice of a
+//! freehand scan. More than two never gain more on two threads.
 //!
 //! A picture is therefore cut by itself only if it is small beside its volume, is drawn at once,
 //! and two threads render it. Other numbers of threads were not measured. One thread never gains.
