@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use formats::image::Container;
+use formats::Limits;
+use formats::image::{Container, open_sequence};
 
 use crate::failure::{Failure, FailureKind};
 
@@ -35,6 +36,22 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
         let _ = write!(text, "{byte:02x}");
     }
     Ok(text)
+}
+
+/// Returns the files of a recording, and its size as an estimate of its cost: pixels of all
+/// frames, or bytes if its header cannot be read. The run reports the latter.
+pub(crate) fn recording(path: &Path) -> (Vec<PathBuf>, u64) {
+    let bytes = path.metadata().map_or(0, |there| there.len());
+    match open_sequence(path, &Limits::default()) {
+        Ok(opened) => {
+            let mut files = vec![path.to_owned()];
+            if opened.data_path != path {
+                files.push(opened.data_path);
+            }
+            (files, opened.layout.layer_bytes as u64 * opened.layout.layers)
+        }
+        Err(_) => (vec![path.to_owned()], bytes),
+    }
 }
 
 /// Whether a file is a recorded session: by its first bytes, or by its name if the beginning may

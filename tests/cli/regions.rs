@@ -119,10 +119,21 @@ fn processor_with_other_kernels_is_refused() {
         let kernels = &mut plan["sweep"]["slices"][17]["entered"]["decision"]["kernels"];
         *kernels = (kernels.as_u64().unwrap() ^ 1).into();
     });
-    let before = shards(&place.path("v.ome.zarr.part"));
     let refused = place.run("regions run v.ome.zarr");
     assert!(refused.code != 0 && refused.stderr.contains("kernels are not those of the plan"), "{}", refused.stderr);
-    assert!(shards(&place.path("v.ome.zarr.part")) <= before + 16, "no region with the slice is written");
+    // The regions that the slice meets are missing.
+    place.does("regions status v.ome.zarr --json=status.json");
+    let (plan, status) = (place.json(PLAN), place.json("status.json"));
+    let at = |corner: &Value, axis: usize| corner[axis].as_i64().unwrap();
+    let slice = &plan["sweep"]["slices"][17]["entered"]["bricks"];
+    let mut met = 0;
+    for (region, state) in plan["regions"].as_array().unwrap().iter().zip(status["regions"].as_array().unwrap()) {
+        let meets = (0..3)
+            .all(|a| at(&slice["low"], a) <= at(&region["high"], a) && at(&slice["high"], a) >= at(&region["low"], a));
+        assert!(!meets || state["done"] == false, "{region}");
+        met += usize::from(meets);
+    }
+    assert!(met > 0, "the slice meets a region");
     let missing = place.run("regions finish v.ome.zarr");
     assert!(missing.code != 0 && missing.stderr.contains("regions are missing"), "{}", missing.stderr);
 }
@@ -166,6 +177,29 @@ fn changed_recording_or_plan_is_refused() {
     place.put(PLAN, &plan);
     place.does("regions run v.ome.zarr");
     finishes_as_whole(&place);
+}
+
+#[test]
+fn changed_pixels_beside_their_header_are_refused() {
+    let place = Place::new();
+    place.does(SWEEP);
+    place.does("convert s.mha -o d.mhd");
+    let raw = place.names().into_iter().find(|name| name.starts_with("d.") && name != "d.mhd").unwrap();
+    succeeds(&place, &format!("regions plan d.mhd {FINE} --path general {ONE_SHARD} -o v.ome.zarr"));
+    let mut pixels = place.get(&raw);
+    pixels[100] ^= 1;
+    place.put(&raw, &pixels);
+    let run = place.run("regions run v.ome.zarr");
+    assert!(run.code == 3 && run.stderr.contains(&format!("{raw}: has changed since the plan")), "{}", run.stderr);
+    // Another plan does not keep what the old pixels have made.
+    pixels[100] ^= 1;
+    place.put(&raw, &pixels);
+    place.does("regions run v.ome.zarr");
+    pixels[100] ^= 1;
+    place.put(&raw, &pixels);
+    succeeds(&place, &format!("regions plan d.mhd {FINE} --path general {ONE_SHARD} -o v.ome.zarr"));
+    let said = place.does("regions status v.ome.zarr");
+    assert!(said.contains("0 of 8 regions are written"), "{said}");
 }
 
 #[test]

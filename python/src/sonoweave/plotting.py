@@ -86,6 +86,7 @@ def plot(sequence: Sequence, volume: Volume, *, every: int = 5) -> Figure:
     path.plot(*(poses @ middle)[:, :3].T, color="tab:red", label="middle of the first row")
     for pose in poses[::every]:
         path.plot(*(pose @ corners)[:3], color="tab:blue", linewidth=0.5)
+    path.legend()
     path.set(
         xlabel="x, mm",
         ylabel="y, mm",

@@ -7,9 +7,6 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use formats::Limits;
-use formats::image::open_sequence;
-
 use crate::app::input;
 use crate::failure::Failure;
 
@@ -65,22 +62,6 @@ impl Inputs {
         let input = Input::read(path)?;
         known().insert(path.to_owned(), input.clone());
         Ok(input)
-    }
-}
-
-/// Returns the files of a recording, and its size as an estimate of its cost: pixels of all
-/// frames, or bytes if its header cannot be read. The run reports the latter.
-pub(crate) fn recording(path: &Path) -> (Vec<PathBuf>, u64) {
-    let bytes = path.metadata().map_or(0, |there| there.len());
-    match open_sequence(path, &Limits::default()) {
-        Ok(opened) => {
-            let mut files = vec![path.to_owned()];
-            if opened.data_path != path {
-                files.push(opened.data_path);
-            }
-            (files, opened.layout.layer_bytes as u64 * opened.layout.layers)
-        }
-        Err(_) => (vec![path.to_owned()], bytes),
     }
 }
 

@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 use super::folder::RunFolder;
 use super::key::{self, Input, Inputs};
 use super::manifest::{self, BadRow, Row};
+use crate::app::input;
 use crate::app::provenance::program;
 use crate::failure::{Failure, FailureKind};
 
@@ -145,7 +146,7 @@ fn planned(
     }
     let Settings { settings, resources } =
         canonical(&words, config.is_some()).map_err(|why| format!("settings: {why}"))?;
-    let (files, cost) = key::recording(&recording);
+    let (files, cost) = input::recording(&recording);
     let read = |path: &PathBuf| known.read(path).map_err(|failure| failure.0.sentence);
     let inputs: Vec<Input> = files.iter().chain(&config).map(read).collect::<Result<_, _>>()?;
     let key = key::content_key(&inputs, &settings, outputs, program);

@@ -47,6 +47,17 @@ impl Origin {
         }
     }
 
+    /// Returns the SHA-256 of a recording's pixels, if they are in another file than its header.
+    ///
+    /// # Errors
+    /// [`Failure`] when that file cannot be read.
+    pub(super) fn data_hash(&self) -> Result<Option<String>, Failure> {
+        match self {
+            Self::File(path) => input::recording(path).0.get(1).map(|data| input::hash(data)).transpose(),
+            Self::Frames(_) => Ok(None),
+        }
+    }
+
     /// Returns the recording, or the name of the frames.
     pub(crate) fn path(&self) -> &Path {
         let (Self::File(path) | Self::Frames(path)) = self;

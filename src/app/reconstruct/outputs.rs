@@ -259,7 +259,7 @@ impl Request {
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = &options.volume {
                 if let Some((path, description)) = &volume_folder {
-                    let described = description.described(fields.clone());
+                    let described = description.described(fields.clone(), self.origin.data_hash()?.as_deref());
                     let target = Target::new(&described, outcome.reconstructor.settings().threads)?;
                     let (writer, _) = OmeZarrWriter::create(path, &described.meta)?;
                     target.write(writer.shards(), volume, None)?;

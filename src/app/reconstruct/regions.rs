@@ -97,7 +97,7 @@ impl Request {
         let description = Description::of(outcome, bounds, encoding, options.size.is_some());
         let space = description.space();
         let fields = self.provenance(outcome, &space, &encoding, &sha256)?;
-        let described = description.described(fields);
+        let described = description.described(fields, self.origin.data_hash()?.as_deref());
 
         let within = bricks_of(bounds);
         let met = sweep.slices.iter().map(|slice| slice.entered.bricks.within(&within));

@@ -70,20 +70,23 @@ impl<'a> Description<'a> {
     }
 
     /// Returns the SHA-256 of all that the voxels follow from: the recording and the calibration,
-    /// by `fields`, the slices, the mask and the settings.
-    fn content_key(&self, fields: &[(String, String)]) -> String {
+    /// by `fields` and the hash of pixels beside a header, the slices, the mask and the settings.
+    fn content_key(&self, fields: &[(String, String)], data_sha256: Option<&str>) -> String {
         let Settings { spacing_mm, lattice_origin_mm, lattice_direction, method, compounding, .. } = self.settings;
         let Settings { sigma_mm, support, max_weight, .. } = self.settings;
         let text = format!(
             "{spacing_mm:?} {lattice_origin_mm:?} {lattice_direction:?} {method:?} {compounding:?} {sigma_mm:?} \
-             {support:?} {max_weight:?} {:?} {:?} {:?} {fields:?}",
-            self.encoding, self.mask, self.slices_sha256
+             {support:?} {max_weight:?} {:?} {:?} {:?} {fields:?}{}",
+            self.encoding,
+            self.mask,
+            self.slices_sha256,
+            data_sha256.unwrap_or_default()
         );
         Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
     /// Returns what is needed to write it. `fields` describe its origin.
-    pub(super) fn described(&self, fields: Vec<(String, String)>) -> Described {
+    pub(super) fn described(&self, fields: Vec<(String, String)>, data_sha256: Option<&str>) -> Described {
         let Self { bounds, encoding, range, slices_box, .. } = *self;
         let space = self.space();
         let meta = Meta {
@@ -100,7 +103,7 @@ impl<'a> Description<'a> {
             label: false,
             range: Some(range),
             slices_box,
-            content_key: self.content_key(&fields),
+            content_key: self.content_key(&fields, data_sha256),
             fields,
         };
         Described { meta, bounds, encoding }

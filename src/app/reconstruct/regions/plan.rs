@@ -20,27 +20,35 @@ use crate::app::provenance::program;
 use crate::app::reconstruct::zarr::{Described, Target};
 use crate::failure::{Failure, FailureKind};
 
-/// The recording's file, as it was when the plan was made.
+/// A file of the recording, as it was when the plan was made: its header's, or its pixels'.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-struct Recording {
+struct RecordedFile {
     path: PathBuf,
     /// Length, bytes.
     bytes: u64,
     /// Time of its last change, ns since 1970.
     changed_ns: u128,
+    /// SHA-256.
+    sha256: String,
 }
 
-impl Recording {
+impl RecordedFile {
     fn of(path: &Path) -> Result<Self, Failure> {
+        Ok(Self { sha256: input::hash(path)?, ..Self::without_content(path)? })
+    }
+
+    fn without_content(path: &Path) -> Result<Self, Failure> {
         let there = fs::metadata(path).map_err(|error| Failure::io(path, "reading", &error))?;
         let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-        Ok(Self { path: path.into(), bytes: there.len(), changed_ns: changed.unwrap_or_default().as_nanos() })
+        let (changed_ns, sha256) = (changed.unwrap_or_default().as_nanos(), String::new());
+        Ok(Self { path: path.into(), bytes: there.len(), changed_ns, sha256 })
     }
 
     /// Checks that the file is the same: by length and time, else by its content.
-    fn check(&self, sha256: &str) -> Result<(), Failure> {
-        let now = Self::of(&self.path)?;
-        if now == *self || now.bytes == self.bytes && input::hash(&self.path)? == sha256 {
+    fn check(&self) -> Result<(), Failure> {
+        let now = Self::without_content(&self.path)?;
+        let is_untouched = (now.bytes, now.changed_ns) == (self.bytes, self.changed_ns);
+        if is_untouched || now.bytes == self.bytes && input::hash(&self.path)? == self.sha256 {
             return Ok(());
         }
         Err(Failure::new(format!(
@@ -56,10 +64,10 @@ impl Recording {
 pub(crate) struct RegionsPlan {
     /// Another version or build may decide otherwise.
     program: String,
-    /// SHA-256 of the recording.
+    /// SHA-256 of the recording, for reports.
     pub(super) sha256: String,
-    /// The recording's file, if there is one; with its path in full.
-    recording: Option<Recording>,
+    /// The recording's files, with their paths in full; none for frames in memory.
+    recording: Vec<RecordedFile>,
     pub(super) described: Described,
     /// The regions that slices meet.
     pub(crate) regions: Vec<BrickBox>,
@@ -84,7 +92,7 @@ impl RegionsPlan {
         meetings: u64,
         sweep: SweepPlan,
     ) -> Self {
-        let (program, report, recording) = (program(), Value::Null, None);
+        let (program, report, recording) = (program(), Value::Null, Vec::new());
         Self { program, sha256, recording, described, regions, meetings, report, sweep, path }
     }
 
@@ -140,7 +148,8 @@ impl RegionsPlan {
         if let SequenceInput::File(settings) = &mut self.sweep.input {
             let path = settings.path.canonicalize();
             settings.path = path.map_err(|error| Failure::io(&settings.path, "opening", &error))?;
-            self.recording = Some(Recording::of(&settings.path)?);
+            let (files, _) = input::recording(&settings.path);
+            self.recording = files.iter().map(|file| RecordedFile::of(file)).collect::<Result<_, _>>()?;
         }
         let (file, text) = (plan_path(&self.path), serde_json::to_vec(self)?);
         write_whole(&file, |to| to.write_all(&text)).map_err(|error| Failure::io(&file, "writing", &error))
@@ -151,7 +160,7 @@ impl RegionsPlan {
     /// # Errors
     /// [`Failure`] when it has changed.
     pub(super) fn check_recording(&self) -> Result<(), Failure> {
-        self.recording.as_ref().map_or(Ok(()), |recording| recording.check(&self.sha256))
+        self.recording.iter().try_for_each(RecordedFile::check)
     }
 
     /// Prepares to write the volume.
