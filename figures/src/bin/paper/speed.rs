@@ -101,8 +101,9 @@ pub(crate) fn thigh(report: &mut Report, rounds: u32) -> Result<(), Box<dyn Erro
     let [x, y, z] = extent(reconstructor)?;
     let [error] = errors(&scan, &[reconstructor])?[..] else { return Err("one way".into()) };
     report.check(x * y * z > 1_000_000, format!("C20: only {x}×{y}×{z} voxels"));
-    // Frames have noise of 6 grey levels, and slices lie two σ apart.
-    report.check(error.rmse < 6.0, format!("C20: {} grey levels from the scene", error.rmse));
+    // About twice what is measured, 0.6. Frames have noise of 6 grey levels, and slices lie two σ
+    // apart.
+    report.check(error.rmse < 1.2, format!("C20: {} grey levels from the scene", error.rmse));
     let paper_ms = 1e3 * PAPER_SECONDS / f64::from(PAPER_SLICES);
     report.claim(
         ["C20", "46 slices of 512×480 into 128³ in 120 s", "120 s, 2.6 s a slice, 38 % CPU"],
@@ -188,7 +189,8 @@ pub(crate) fn doll(report: &mut Report, rounds: u32) -> Result<Agreement, Box<dy
     report.check(x * y * z > 1_000_000, format!("C18: only {x}×{y}×{z} voxels"));
     report.check(of_columns.voxels > 1_000_000, format!("C18: only {} voxels compared", of_columns.voxels));
     for error in [of_columns, of_bricks] {
-        report.check(error.rmse < 6.0, format!("C18: {} grey levels from the scene", error.rmse));
+        // About twice what is measured, 1.8.
+        report.check(error.rmse < 3.6, format!("C18: {} grey levels from the scene", error.rmse));
     }
     report.claim(
         ["C18", "90 slices of 128² into 128×128×256", "3.4 s a slice for the doll, rendering included"],
