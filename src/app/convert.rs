@@ -6,14 +6,18 @@
 //! - [`identity`]: fields that may identify a person; they are left out on request.
 //! - [`placing`]: poses of a session's sensors at the times of its frames.
 //! - [`pictures`]: numbered image files as a device.
+//! - `volume`: conversion of a volume; `holes` fills its holes, and `zarr` writes it as OME-Zarr.
 //! - [`write`](mod@write): writes sequences, sessions, image files and volumes.
 
 pub mod arrange;
+mod holes;
 pub mod identity;
 pub mod pictures;
 pub mod placing;
 pub mod sequence;
+pub(crate) mod volume;
 pub mod write;
+pub(crate) mod zarr;
 
 use std::ops::Range;
 use std::path::PathBuf;

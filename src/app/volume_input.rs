@@ -43,7 +43,7 @@ pub(crate) fn dense(path: &Path, weights: Option<&Path>, limit_bytes: u64) -> Re
         return Ok(DenseVolume::open(path, weights, limit_bytes)?);
     }
     if let Some(weights) = weights {
-        fail!("{}: the volume {} holds its weights itself; leave the file out", weights.display(), path.display());
+        return Err(holds_weights(path, weights));
     }
     let volume = Arc::new(OmeZarr::open(path)?);
     let mut notes = volume.notes().to_vec();
@@ -64,4 +64,13 @@ pub(crate) fn dense(path: &Path, weights: Option<&Path>, limit_bytes: u64) -> Re
     let mut dense = DenseVolume::read((path, values), Some((path, weights)), limit_bytes)?;
     dense.add_notes(notes);
     Ok(dense)
+}
+
+/// Returns the refusal of a file of weights for an OME-Zarr volume.
+pub(crate) fn holds_weights(volume: &Path, weights: &Path) -> Failure {
+    Failure::usage(format!(
+        "{}: the volume {} holds its weights itself; leave the file out",
+        weights.display(),
+        volume.display()
+    ))
 }

@@ -1,5 +1,7 @@
 //! `sonoweave convert`: converts sequences, sessions and volumes between file formats.
 
+mod volume;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -19,19 +21,20 @@ use super::progress::{progress, turning};
 use super::{Failure, values};
 use crate::app::convert::pictures::Pictures;
 use crate::app::convert::placing::{self, Delivered, Placing, Rules};
+use crate::app::convert::volume::Converted;
 use crate::app::convert::{Changes, sequence, write};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::live::stages::{Kept, roles};
 use crate::app::reconstruct::zarr::is_ome_zarr;
-use crate::app::volume_input::VolumeInput;
+use volume::VolumeFlags;
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
 The name of OUT selects the format. From a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer) or .nhdr \
 for a sequence; .mcap for a session; an existing folder or a name such as frame%04d.png for pictures. From a volume: \
-.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
+.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .ome.zarr.
 
 Numbered pictures become a sequence without poses; --rate gives it times. A session becomes a sequence with one pose \
 of each sensor for each frame. The pose is the same as in a replay: interpolated between two received poses, with \
@@ -46,7 +49,9 @@ Examples:
   sonoweave convert SESSION-20261121-213000.mcap -o sweep.igs.mha
   sonoweave convert sweep.igs.mha -o frame%04d.png --frames 10..20
   sonoweave convert frame%04d.png -o pictures.mha --rate 30
-  sonoweave convert volume.mha -o volume.nii.gz")]
+  sonoweave convert volume.mha -o volume.nii.gz
+  sonoweave convert volume.mha --weights weights.mha -o volume.ome.zarr
+  sonoweave convert volume.ome.zarr -o filled.mha --fill gaussian --fill-radius 3")]
 pub struct Arguments {
     /// Tracked sequence, session, volume, or numbered images (a folder, or frame%04d.png)
     input: PathBuf,
@@ -78,6 +83,8 @@ pub struct Arguments {
     /// times]
     #[arg(long, value_name = "HZ", value_parser = values::positive)]
     rate: Option<f64>,
+    #[command(flatten)]
+    volume: VolumeFlags,
 }
 
 // clap treats a named type as a single value.
@@ -103,12 +110,17 @@ struct Report<'a> {
     content: &'a str,
     /// Fields that --anonymize left out.
     left_out: &'a [String],
+    /// Description of the filling of holes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    filled: Option<&'a str>,
+    notes: &'a [String],
 }
 
 /// Runs the command.
 ///
 /// # Errors
 /// [`Failure`]: no output remains then, except images before the one that failed.
+#[allow(clippy::print_stderr, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
@@ -130,36 +142,53 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         anonymize: arguments.anonymize,
         compressed: arguments.compress,
     };
-    let (what, removed) = match is_volume {
+    let (what, Converted { removed, filled, notes }) = match is_volume {
         true => ("volume".to_owned(), arguments.volume(&changes)?),
         false => arguments.recording(changes, is_session)?,
     };
+    for note in &notes {
+        eprintln!("sonoweave: note: {note}");
+    }
     print_line!("{}: {what} of {}", output.display(), input.display());
     if arguments.anonymize {
         let names = if removed.is_empty() { "no field".to_owned() } else { removed.join(", ") };
         print_line!("left out: {names}");
     }
-    arguments.json.write(&Report { input, output, content: &what, left_out: &removed })
+    if let Some(filled) = &filled {
+        print_line!("{filled}");
+    }
+    arguments.json.write(&Report {
+        input,
+        output,
+        content: &what,
+        left_out: &removed,
+        filled: filled.as_deref(),
+        notes: &notes,
+    })
 }
 
 impl Arguments {
-    fn volume(&self, changes: &Changes) -> Result<Vec<String>, Failure> {
+    fn volume(&self, changes: &Changes) -> Result<Converted, Failure> {
         if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
             fail!(
                 "{}: is a volume; leave out --frames, --crop, --orientation and --station, which are for recordings",
                 self.input.display()
             );
         }
-        input::check_volume(&self.output)?;
-        input::check_output(&self.output)?;
         self.check_pixels()?;
-        let mut volume = VolumeInput::open(&self.input)?;
-        Ok(write::volume((&self.input, &mut *volume.values), &self.output, changes, &|_| {})?)
+        self.volume.run(&self.input, &self.output, changes)
     }
 
     /// Converts a recording. Returns a description of the output, and the fields that were left
     /// out.
-    fn recording(&self, mut changes: Changes, is_session: bool) -> Result<(String, Vec<String>), Failure> {
+    fn recording(&self, mut changes: Changes, is_session: bool) -> Result<(String, Converted), Failure> {
+        if self.volume.are_given() {
+            fail_usage!(
+                "{}: is a recording; leave out --weights, --write-weights, --fill and --seen-label, which are for \
+                 volumes",
+                self.input.display()
+            );
+        }
         let name = self.output.file_name().map_or_else(String::new, |name| name.to_string_lossy().to_ascii_lowercase());
         let pictures = self.output.is_dir() || (name.ends_with(".png") && write::number_in(&name).is_some());
         let session = name.ends_with(".mcap");
@@ -201,7 +230,7 @@ impl Arguments {
             format!("sequence of {count} frames")
         };
         bar.finish_and_clear();
-        Ok((what, gathered.removed))
+        Ok((what, Converted { removed: gathered.removed, ..Converted::default() }))
     }
 
     /// Reads the session's sensor poses, by its own configuration if it holds one.

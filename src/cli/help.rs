@@ -51,7 +51,7 @@ const HEADINGS: &[(&str, &[&str])] = &[
     ("Volume", &["spacing", "origin", "size", "type", "window", "unseen", "max-memory"]),
     ("Image data", &["clip", "fan", "frames"]),
     ("Insertion", &["path", "departure", "planar-tolerance", "threads", "simd"]),
-    ("Outputs", &["weights", "planes", "picture", "pictures", "every", "json", "fill", "fill-radius"]),
+    ("Outputs", &["weights", "planes", "picture", "pictures", "every", "json", "fill", "fill-radius", "seen-label"]),
     (
         "Kernel and compounding",
         &[
@@ -76,6 +76,7 @@ const GROUPED: [&str; 3] = ["reconstruct", "animate", "live"];
 const CONVERSION: &[(&str, &[&str])] = &[
     ("Image data", &["frames", "crop", "orientation"]),
     ("Sequences", &["station", "rate"]),
+    ("Volumes", &["weights", "write-weights", "fill", "fill-radius", "seen-label", "max-memory"]),
     ("Outputs", &["json", "compress", "anonymize"]),
 ];
 

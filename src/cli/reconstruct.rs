@@ -17,6 +17,9 @@ use crate::app::reconstruct::beside::Beside;
 use flags::Flags;
 use one::reconstruct;
 
+/// File formats of volumes, by the ends of their names.
+pub(super) const FORMATS: [&str; 8] = ["mha", "mhd", "nrrd", "nhdr", "nii", "nii.gz", "ome.zarr", "dcm"];
+
 /// Flags of `reconstruct`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
@@ -25,7 +28,7 @@ sequence, and the probe's calibration ImageToProbe in --config or --image-to-pro
 ImageToReference, ImageToWorld or ImageToTracker needs no calibration.
 
 For several sweeps, give folders as -o, --weights, --planes and --json=; they may be the same. A sweep NAME.igs.mha \
-results in NAME.mha, NAME.weights.mha, NAME.planes.png and NAME.json.
+results in NAME.mha (or another --format), NAME.weights.mha, NAME.planes.png and NAME.json.
 
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
          sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes \
@@ -39,6 +42,9 @@ pub struct Arguments {
     /// .ome.zarr for OME-Zarr with weights); for several sweeps, to this folder
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
+    /// File format of the volumes of several sweeps [default: mha]
+    #[arg(long, value_name = "FORMAT", value_parser = FORMATS)]
+    format: Option<String>,
     /// Reconstruct an .ome.zarr volume in regions that fit into --max-memory, each from the frames
     /// that reach it: the same voxels. Done by itself if memory does not suffice. An interrupted
     /// run goes on where it was
@@ -65,13 +71,16 @@ impl Arguments {
 /// # Errors
 /// [`Failure`]: nothing was written then; for several sweeps, the failed ones were not written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { sequences, output, flags, out_of_core } = arguments;
+    let Arguments { sequences, output, format, flags, out_of_core } = arguments;
     match sequences.as_slice() {
+        [_] if format.is_some() => {
+            Err(Failure::usage("--format: is for several sweeps; give -o the name that a volume of this format has"))
+        }
         [sequence] => {
             let (_, document) = reconstruct(sequence, output, flags, flags.beside.beside(), *out_of_core)?;
             flags.beside.json.write_text(&document)
         }
         _ if *out_of_core => Err(Failure::usage("--out-of-core: is for one sweep; give one, with -o NAME.ome.zarr")),
-        _ => several::run(sequences, output, flags),
+        _ => several::run(sequences, (output, format.as_deref().unwrap_or("mha")), flags),
     }
 }

@@ -12,7 +12,7 @@ use sonoweave_core::ledger::Ledger;
 use volume::{DenseVolume, Grid, Values};
 
 use super::{Keywords, LibraryError, MemorySlices};
-use crate::app::convert::{Changes, write};
+use crate::app::convert::{write, zarr};
 use crate::app::input;
 use crate::app::provenance::Made;
 use crate::app::reconstruct::beside::Beside;
@@ -21,7 +21,7 @@ use crate::app::reconstruct::outputs::Request;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::app::reconstruct::zarr::is_ome_zarr;
 use crate::app::render::image;
-use crate::app::volume_input;
+use crate::app::volume_input::{self, holds_weights};
 use crate::cli::render::keywords::{Picture, parse};
 use crate::failure::Failure;
 
@@ -206,29 +206,39 @@ impl LibraryVolume {
                 Err(failed(Failure("a volume of a file is written as it is; leave out the settings".into())))
             }
             Content::Dense(dense) => {
-                if is_ome_zarr(path) || input::is_dicom(path) {
+                if input::is_dicom(path) {
                     return Err(failed(Failure::usage(format!(
-                        "{}: only a reconstruction is written so; give .mha, .mhd, .nrrd, .nhdr, .nii or .nii.gz",
+                        "{}: only a reconstruction is written so; give .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz or \
+                         .ome.zarr",
                         path.display()
                     ))));
+                }
+                let [nx, ny, nz] = dense.header().size;
+                let all: VoxelBox = [nx, ny, nz].map(|n| 0..n as usize);
+                let voxels = all.iter().map(Range::len).product();
+                let (mut values, mut of_voxels) = (vec![0.0; voxels], vec![0.0; voxels]);
+                self.read(&all, &mut values, &mut of_voxels);
+                let header = dense.header();
+                let slices = |values| {
+                    let place = (header.spacing, header.origin, header.axes);
+                    MemorySlices::new(header.size, place, values, header.fields.clone())
+                };
+                if is_ome_zarr(path) {
+                    if let Some(weights) = weights {
+                        return Err(failed(holds_weights(path, weights)));
+                    }
+                    let both = || [slices(&values), slices(&of_voxels)];
+                    return zarr::write(path, both).map(|()| None).map_err(failed);
                 }
                 let outputs = [Some(path), weights].into_iter().flatten();
                 outputs
                     .clone()
                     .try_for_each(|path| input::check_volume(path).and(input::check_output(path)))
                     .map_err(failed)?;
-                let [nx, ny, nz] = dense.header().size;
-                let all: VoxelBox = [nx, ny, nz].map(|n| 0..n as usize);
-                let voxels = all.iter().map(Range::len).product();
-                let (mut values, mut of_voxels) = (vec![0.0; voxels], vec![0.0; voxels]);
-                self.read(&all, &mut values, &mut of_voxels);
                 for (path, values) in outputs.zip([&values, &of_voxels]) {
-                    let header = dense.header();
-                    let place = (header.spacing, header.origin, header.axes);
-                    let mut slices = MemorySlices::new(header.size, place, values, header.fields.clone());
-                    let from: (&Path, &mut dyn VolumeSlices) = (path, &mut slices);
-                    write::volume(from, path, &Changes::default(), &|_| {})
-                        .map_err(|error| LibraryError::at(path, error))?;
+                    let mut slices = slices(values);
+                    let header = slices.header().clone();
+                    write::volume(&mut slices, &header, path).map_err(|error| LibraryError::at(path, error))?;
                 }
                 Ok(None)
             }

@@ -29,6 +29,7 @@ mod latency;
 mod live;
 mod modes;
 mod ome_zarr;
+mod ome_zarr_conversion;
 mod paths;
 mod phantom;
 mod place;

@@ -78,7 +78,7 @@ fn volume_is_read_like_that_of_another_format() {
         assert_eq!(place.volume("c.nrrd").field("SonoweaveInput"), place.volume("v.mha").field("SonoweaveInput"));
     }
     let refused = place.run("render v.ome.zarr --weights w.mha -o p.png");
-    assert!(refused.code == 1 && refused.stderr.contains("holds its weights itself"), "{}", refused.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("holds its weights itself"), "{}", refused.stderr);
 }
 
 #[test]

@@ -109,6 +109,25 @@ impl ShardWriter {
         }
     }
 
+    /// Like [`Self::write_shard`], for values in single precision, which must be numbers of the
+    /// volume's scalar type.
+    ///
+    /// # Errors
+    /// Same as [`Self::write_shard`].
+    pub fn write_numbers(&self, index: ShardIndex, values: &[f32], weights: &[f32]) -> Result<(), OmeZarrError> {
+        match self.meta.scalar {
+            Scalar::U8 => {
+                let values: Vec<u8> = values.iter().map(|value| *value as u8).collect();
+                self.write_level_0(index, &values, weights)
+            }
+            Scalar::U16 => {
+                let values: Vec<u16> = values.iter().map(|value| *value as u16).collect();
+                self.write_level_0(index, &values, weights)
+            }
+            Scalar::F32 => self.write_level_0(index, values, weights),
+        }
+    }
+
     fn write_level_0<T: Sample>(&self, index: ShardIndex, values: &[T], weights: &[f32]) -> Result<(), OmeZarrError> {
         let size = self.size(0, index)?;
         let expected = size.iter().product();

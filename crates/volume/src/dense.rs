@@ -143,29 +143,13 @@ impl DenseVolume {
         limit_bytes: u64,
     ) -> Result<Self, DenseError> {
         let header = reader.header().clone();
-        for (path, header) in [(path, &header)].into_iter().chain(weights.iter().map(|(p, r)| (*p, r.header()))) {
-            if header.channels != 1 {
-                return Err(DenseError::Channels { path: path.into(), channels: header.channels });
-            }
-        }
-        if let Some((of_weights, reader)) = &weights
-            && let Some(what) = difference(&header, reader.header())
-        {
-            return Err(DenseError::OtherGrid { path: path.into(), weights: (*of_weights).into(), what });
-        }
+        let grid = checked_grid((path, &header), weights.as_ref().map(|(path, weights)| (*path, weights.header())))?;
         let voxels = header.size.iter().try_fold(1_u64, |n, s| n.checked_mul(u64::from(*s)));
         let each = if weights.is_some() { 8 } else { 4 };
         let needed_bytes = voxels.and_then(|n| n.checked_mul(each)).unwrap_or(u64::MAX);
         let too_large = || DenseError::Memory { path: path.into(), size: header.size, needed_bytes, limit_bytes };
         let voxels = voxels.and_then(|n| usize::try_from(n).ok()).filter(|_| needed_bytes <= limit_bytes);
         let voxels = voxels.ok_or_else(too_large)?;
-        if !header.placed {
-            return Err(DenseError::Nowhere { path: path.into() });
-        }
-        let grid = grid(&header);
-        if grid.direction.determinant().abs() < 1e-6 {
-            return Err(DenseError::Flat { path: path.into() });
-        }
         let mut value = scalars(reader, voxels, too_large)?;
         let mut weight = weights.map(|(_, reader)| scalars(reader, voxels, too_large)).transpose()?;
         let notes = hide_unseen(&header, &mut value, weight.as_deref_mut());
@@ -347,6 +331,35 @@ impl Values for DenseVolume {
     }
 }
 
+/// Returns the grid of a volume's file, and checks that it is one of a single channel, and that the
+/// weights are on it.
+///
+/// # Errors
+/// [`DenseError`] otherwise.
+pub fn checked_grid(
+    (path, header): (&Path, &VolumeHeader),
+    weights: Option<(&Path, &VolumeHeader)>,
+) -> Result<Grid, DenseError> {
+    for (path, header) in [(path, header)].into_iter().chain(weights) {
+        if header.channels != 1 {
+            return Err(DenseError::Channels { path: path.into(), channels: header.channels });
+        }
+    }
+    if let Some((of_weights, weights)) = weights
+        && let Some(what) = difference(header, weights)
+    {
+        return Err(DenseError::OtherGrid { path: path.into(), weights: of_weights.into(), what });
+    }
+    if !header.placed {
+        return Err(DenseError::Nowhere { path: path.into() });
+    }
+    let grid = grid(header);
+    if grid.direction.determinant().abs() < 1e-6 {
+        return Err(DenseError::Flat { path: path.into() });
+    }
+    Ok(grid)
+}
+
 /// Reads all voxels.
 fn scalars(
     mut reader: impl VolumeSlices,
@@ -364,7 +377,7 @@ fn scalars(
 
 /// Appends scalars in native byte order as single precision, which holds integers of up to 24
 /// bits exactly.
-fn append(bytes: &[u8], pixel: PixelType, values: &mut Vec<f32>) {
+pub fn append(bytes: &[u8], pixel: PixelType, values: &mut Vec<f32>) {
     fn each<const N: usize>(bytes: &[u8], values: &mut Vec<f32>, read: impl Fn([u8; N]) -> f32) {
         values.extend(bytes.as_chunks::<N>().0.iter().map(|word| read(*word)));
     }
@@ -428,7 +441,7 @@ fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f3
 }
 
 /// Parses a header field of N numbers; `None` if it is anything else.
-fn field<T: std::str::FromStr, const N: usize>(header: &VolumeHeader, name: &str) -> Option<[T; N]> {
+pub fn field<T: std::str::FromStr, const N: usize>(header: &VolumeHeader, name: &str) -> Option<[T; N]> {
     let (_, text) = header.fields.iter().find(|(field, _)| field == name)?;
     let numbers: Vec<T> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()
@@ -436,7 +449,7 @@ fn field<T: std::str::FromStr, const N: usize>(header: &VolumeHeader, name: &str
 
 /// Returns the box of [`SLICES_BOX_FIELD`], if it is valid and near the file's voxels. A
 /// program that cropped or scaled the volume may have kept the field.
-fn slices_box(header: &VolumeHeader) -> Option<[[i64; 3]; 2]> {
+pub fn slices_box(header: &VolumeHeader) -> Option<[[i64; 3]; 2]> {
     let [lx, ly, lz, hx, hy, hz] = field::<i64, 6>(header, SLICES_BOX_FIELD)?;
     let (low, high) = ([lx, ly, lz], [hx, hy, hz]);
     let size = header.size.map(i64::from);

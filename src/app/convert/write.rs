@@ -11,8 +11,8 @@ use formats::whole::{persist, temporary};
 use sonoweave_core::reading::{Frame, Reading, Stamp};
 use sonoweave_core::{Description, Device, Next};
 
+use super::ConvertError;
 use super::sequence::{Gathered, HOST_FIELD};
-use super::{Changes, ConvertError, identity};
 
 /// Progress callback; receives the number of frames or slices done.
 pub type OnProgress<'a> = &'a dyn Fn(u64);
@@ -162,34 +162,16 @@ fn each(
     Ok(device.stop()?)
 }
 
-/// Copies a volume; returns the fields that were left out.
+/// Writes a volume of this header.
 ///
 /// # Errors
 /// [`ConvertError`]: no file is left then.
-pub fn volume(
-    (from, reader): (&Path, &mut dyn VolumeSlices),
-    to: &Path,
-    changes: &Changes,
-    told: OnProgress<'_>,
-) -> Result<Vec<String>, ConvertError> {
-    let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
-    if !header.placed {
-        let why = "has no position in space (neither sform nor qform), which other formats require; add one";
-        return Err(ConvertError::Unfit { path: from.to_owned(), why: why.into() });
-    }
-    let mut removed = Vec::new();
-    if changes.anonymize {
-        identity::leave_out(&mut header.fields, &mut removed);
-    }
-    let mut writer = VolumeWriter::create(to, &header)?;
-    let mut done = 0;
+pub fn volume(reader: &mut dyn VolumeSlices, header: &VolumeHeader, to: &Path) -> Result<(), ConvertError> {
+    let mut writer = VolumeWriter::create(to, header)?;
     while let Some(slice) = reader.next_slice()? {
         writer.write_all(slice).map_err(|source| ConvertError::Io { path: to.to_owned(), source })?;
-        done += 1;
-        told(done);
     }
-    writer.finish()?;
-    Ok(removed)
+    Ok(writer.finish()?)
 }
 
 #[cfg(test)]

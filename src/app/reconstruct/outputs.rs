@@ -43,6 +43,8 @@ pub(crate) struct OutputOptions {
     pub(crate) window: Option<[f32; 2]>,
     /// Value of unseen voxels.
     pub(crate) unseen: f32,
+    /// Whether an OME-Zarr volume has the label of seen voxels.
+    pub(crate) label: bool,
     /// Whether the position of the volume's first voxel was given.
     pub(crate) has_origin: bool,
     /// Size of the volume, voxels; `None` for all that slices reached.
@@ -76,6 +78,9 @@ impl OutputOptions {
                     "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out",
                 ));
             }
+        }
+        if self.label && self.ome_zarr().is_none() {
+            fail_usage!("--seen-label: applies to OME-Zarr volumes only; give -o NAME.ome.zarr, or leave it out");
         }
         let voxels = |size: [u64; 3]| size.into_iter().try_fold(1_u64, u64::checked_mul);
         if let Some(size) = self.size.filter(|size| voxels(*size).is_none_or(|all| all > MOST_VOXELS)) {
@@ -242,7 +247,8 @@ impl Request {
                     (None, Some(reached)) => reached,
                     _ => space.ends(),
                 };
-                let description = Description::of(outcome, bounds, encoding, options.size.is_some());
+                let description =
+                    Description::of(outcome, bounds, encoding, options.size.is_some()).with_label(options.label);
                 // All files have one grid.
                 space = description.space();
                 Some((path, description))

@@ -94,7 +94,7 @@ impl Request {
             (None, None) => return Err(nothing()),
         };
         let sha256 = self.origin.hash(outcome)?;
-        let description = Description::of(outcome, bounds, encoding, options.size.is_some());
+        let description = Description::of(outcome, bounds, encoding, options.size.is_some()).with_label(options.label);
         let space = description.space();
         let fields = self.provenance(outcome, &space, &encoding, &sha256)?;
         let described = description.described(fields, self.origin.data_hash()?.as_deref());

@@ -14,7 +14,7 @@ use crate::failure::Failure;
 /// [`Failure`] if the folder or names do not fit.
 pub(crate) fn outputs(
     sequences: &[PathBuf],
-    folder: &Path,
+    (folder, format): (&Path, &str),
     folders: &Beside,
 ) -> Result<Vec<(PathBuf, Beside)>, Failure> {
     if !folder.is_dir() {
@@ -29,7 +29,7 @@ pub(crate) fn outputs(
     for sequence in sequences {
         let name = sequence.file_name().unwrap_or(sequence.as_os_str()).to_string_lossy();
         let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("volume");
-        let output = folder.join(format!("{stem}.mha"));
+        let output = folder.join(format!("{stem}.{format}"));
         if !taken.insert(output.clone()) {
             fail_usage!(
                 "{}: its volume and another recording's would both be {}; run a command for each",

@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 use export::volume::{DenseBox, Encoding, Scalar, written_weight};
 use mask::Mask;
-use ome_zarr::{Extent, Meta, OmeZarrError, OmeZarrWriter, Samples, ShardIndex, ShardWriter};
+use ome_zarr::{Extent, Meta, OmeZarrError, OmeZarrWriter, ShardIndex, ShardWriter};
 use pipeline::Outcome;
 use reconstruct::Settings;
 use sonoweave_core::frames::{Transform, Volume, World};
@@ -42,6 +42,8 @@ pub(super) struct Description<'a> {
     pub(super) range: [f32; 2],
     /// Box of the slices' data, unless the volume is cropped.
     pub(super) slices_box: Option<[[i64; 3]; 2]>,
+    /// Whether the volume has the label of seen voxels.
+    pub(super) label: bool,
     /// Pixels that are data.
     mask: &'a Mask,
     /// SHA-256 over the slices.
@@ -59,9 +61,15 @@ impl<'a> Description<'a> {
             encoding,
             range: range(outcome.pixels, &encoding),
             slices_box: outcome.reached.filter(|_| !is_cropped),
+            label: false,
             mask: &outcome.mask.mask,
             slices_sha256: outcome.slices_sha256,
         }
+    }
+
+    /// Adds the label of seen voxels, if it is wanted.
+    pub(super) fn with_label(self, label: bool) -> Self {
+        Self { label, ..self }
     }
 
     /// Returns the voxels and their shards.
@@ -100,7 +108,7 @@ impl<'a> Description<'a> {
                 Scalar::F32 => ome_zarr::Scalar::F32,
             },
             unseen: encoding.unseen,
-            label: false,
+            label: self.label,
             range: Some(range),
             slices_box,
             content_key: self.content_key(&fields, data_sha256),
@@ -227,16 +235,6 @@ impl<'a> Target<'a> {
                 }
             }
         }
-        match encoding.scalar {
-            Scalar::U8 => {
-                let values: Vec<u8> = values.iter().map(|value| *value as u8).collect();
-                writer.write_shard(shard, Samples::U8(&values), &weights)
-            }
-            Scalar::U16 => {
-                let values: Vec<u16> = values.iter().map(|value| *value as u16).collect();
-                writer.write_shard(shard, Samples::U16(&values), &weights)
-            }
-            Scalar::F32 => writer.write_shard(shard, Samples::F32(&values), &weights),
-        }
+        writer.write_numbers(shard, &values, &weights)
     }
 }

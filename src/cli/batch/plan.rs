@@ -8,6 +8,7 @@ use super::settings::canonical;
 use crate::app::batch::done::is_done;
 use crate::app::batch::plan::plan;
 use crate::cli::Failure;
+use crate::cli::reconstruct::FORMATS;
 
 /// Flags of `batch plan`.
 #[derive(Debug, Args)]
@@ -27,8 +28,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
     /// File format of the volumes
-    #[arg(long, value_name = "FORMAT", default_value = "mha",
-        value_parser = ["mha", "mhd", "nrrd", "nhdr", "nii", "nii.gz", "ome.zarr", "dcm"])]
+    #[arg(long, value_name = "FORMAT", default_value = "mha", value_parser = FORMATS)]
     format: String,
     /// Write the weights of each volume, too
     #[arg(long)]

@@ -10,7 +10,8 @@ use crate::cli::negative::with_negative_numbers;
 use crate::cli::{Failure, reconstruct};
 
 /// Flags that the batch gives itself, and the way to say them.
-const OWN: [(&str, &str); 4] = [
+const OWN: [(&str, &str); 5] = [
+    ("format", "give --format of `batch plan`"),
     ("config", "give it in the column of that name"),
     ("weights", "give --weights of `batch plan`"),
     ("planes", "give --planes of `batch plan`"),

@@ -87,6 +87,9 @@ pub(crate) struct Flags {
     /// Value of unseen voxels
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(in crate::cli) unseen: f32,
+    /// Add the label of seen voxels to an .ome.zarr volume, for viewers: 1 seen, 0 not
+    #[arg(long)]
+    seen_label: bool,
     #[command(flatten)]
     pub(in crate::cli) beside: BesideFlags,
     /// Frames to use: from A up to, but not including, B
@@ -189,6 +192,7 @@ impl Flags {
             }),
             window: self.window,
             unseen: self.unseen,
+            label: self.seen_label,
             has_origin: self.origin.is_some(),
             size: self.size,
             identifiers: self.dicom.identifiers(),

@@ -11,14 +11,14 @@ use crate::app::json::JsonFlag;
 use crate::app::reconstruct::several::outputs;
 use crate::cli::{Failure, FailureKind};
 
-/// Reconstructs each recording into a volume of its name in a folder. A failed recording does
-/// not affect the others.
+/// Reconstructs each recording into a volume of its name and a format, in a folder. A failed
+/// recording does not affect the others.
 ///
 /// # Errors
 /// [`Failure`] before any work if the folder or names do not fit; else if a recording failed:
 /// the others' volumes are written then.
-pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result<(), Failure> {
-    let outputs = outputs(sequences, folder, &flags.beside.beside())?;
+pub(super) fn run(sequences: &[PathBuf], (folder, format): (&Path, &str), flags: &Flags) -> Result<(), Failure> {
+    let outputs = outputs(sequences, (folder, format), &flags.beside.beside())?;
     let mut rows = vec![["recording", "frames", "voxels", "s", "volume"].map(str::to_owned)];
     let mut failed = 0;
     let mut documents = Vec::new();
