@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::Failure;
 use super::inspect::text::times;
 use super::progress::steps;
 use super::reconstruct::flags::Flags;
+use super::{Failure, FailureKind};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::part::Part;
-use crate::app::reconstruct::regions::processes::{self, Choice, RegionsStatus};
+use crate::app::reconstruct::regions::processes::{self, Choice, RegionsStatus, RegionsVerified};
 
 /// Commands of `regions`.
 #[derive(Debug, Subcommand)]
@@ -22,6 +22,8 @@ pub enum Arguments {
     Run(RunArguments),
     /// Show which regions are written
     Status(StatusArguments),
+    /// Compare the files of a planned volume with their hashes
+    Verify(VerifyArguments),
     /// Write the coarser levels of a volume whose regions are written, and give it its name
     Finish(FinishArguments),
 }
@@ -80,6 +82,25 @@ pub struct StatusArguments {
     json: JsonFlag,
 }
 
+/// Flags of `regions verify`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+Every file of the volume that is written is read and hashed. The exit code is 3 if one is damaged. `regions finish` \
+also refuses damaged files.")]
+pub struct VerifyArguments {
+    /// Planned volume
+    #[arg(value_name = "VOL.ome.zarr")]
+    volume: PathBuf,
+    /// Delete damaged files, and reconstruct their regions again
+    #[arg(long)]
+    repair: bool,
+    /// Threads; any number gives the same volume [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    #[command(flatten)]
+    json: JsonFlag,
+}
+
 /// Flags of `regions finish`.
 #[derive(Debug, Args)]
 pub struct FinishArguments {
@@ -102,6 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Arguments::Plan(arguments) => plan(arguments),
         Arguments::Run(arguments) => run_regions(arguments),
         Arguments::Status(arguments) => status(arguments),
+        Arguments::Verify(arguments) => verify(arguments),
         Arguments::Finish(arguments) => finish(arguments),
     }
 }
@@ -146,6 +168,35 @@ fn status(StatusArguments { volume, json }: &StatusArguments) -> Result<(), Fail
         print_line!("  {number}: {} voxels from {low:?}, {} slices", times(size), region.slices);
     }
     json.write(&status)
+}
+
+fn verify(VerifyArguments { volume, repair, threads, json }: &VerifyArguments) -> Result<(), Failure> {
+    json.check([volume.as_path()])?;
+    let threads = input::threads(*threads);
+    let verified = processes::verify(volume, threads, *repair)?;
+    let RegionsVerified { whole, damaged, missing, regions } = &verified;
+    print_line!(
+        "{}: {whole} files are whole, {} damaged; {} regions are not written",
+        volume.display(),
+        damaged.len(),
+        missing.len()
+    );
+    damaged.iter().for_each(|file| print_line!("  {file}"));
+    json.write(&verified)?;
+    if damaged.is_empty() {
+        return Ok(());
+    }
+    if !repair {
+        let sentence = format!(
+            "{}: {} files are damaged; use --repair to reconstruct their regions again",
+            volume.display(),
+            damaged.len()
+        );
+        return Err(Failure::new(sentence).of(FailureKind::Input));
+    }
+    let [written, _] = processes::run(volume, &Choice::Only(regions.clone()), threads, &steps)?;
+    print_line!("{}: {written} regions written again", volume.display());
+    Ok(())
 }
 
 fn finish(FinishArguments { volume, threads, json }: &FinishArguments) -> Result<(), Failure> {

@@ -37,6 +37,7 @@ mod planes;
 mod probe;
 mod probe_flags;
 mod refusals;
+mod region_faults;
 mod regions;
 mod render;
 mod replay;

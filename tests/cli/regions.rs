@@ -12,7 +12,7 @@ use super::place::Place;
 const PLAN: &str = "v.ome.zarr.part/plan.json";
 
 /// Returns a place with a sweep, its volume `whole.ome.zarr`, and a plan of `v.ome.zarr`.
-fn planned(rest: &str) -> Place {
+pub(super) fn planned(rest: &str) -> Place {
     let place = Place::new();
     place.does(SWEEP);
     let words = format!("s.mha {FINE} --path general --type f32 {rest}");
@@ -21,7 +21,7 @@ fn planned(rest: &str) -> Place {
     place
 }
 
-fn finishes_as_whole(place: &Place) -> Value {
+pub(super) fn finishes_as_whole(place: &Place) -> Value {
     place.does("regions finish v.ome.zarr --json=v.json");
     assert!(tree(&place.path("v.ome.zarr")) == tree(&place.path("whole.ome.zarr")), "other files");
     assert!(!place.path("v.ome.zarr.part").exists());

@@ -115,7 +115,7 @@ pub enum OmeZarrError {
         problem: String,
     },
     /// Data that does not match its checksum or its length.
-    #[error("{path}: {key} is damaged: {problem}; copy or write the volume again", path = .path.display())]
+    #[error("{path}: {key} is damaged: {problem}; delete it and write the volume again, or copy a whole one", path = .path.display())]
     Damaged {
         /// The folder.
         path: PathBuf,

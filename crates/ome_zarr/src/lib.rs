@@ -43,6 +43,7 @@ mod shard;
 mod shards;
 mod slices;
 mod store;
+mod verify;
 mod writer;
 
 pub use error::{BadMeta, BadShard, OmeZarrError};
@@ -54,4 +55,5 @@ pub use region::{RegionWriter, plan_path};
 pub use scalar::{Samples, Scalar};
 pub use shards::ShardWriter;
 pub use slices::SliceReader;
+pub use verify::Verified;
 pub use writer::{Begun, OmeZarrWriter};

@@ -32,6 +32,13 @@ pub(crate) struct ShardFile {
     sha256: String,
 }
 
+impl ShardFile {
+    /// Hashes a file's content. Not while the log is locked: others wait for it.
+    pub(crate) fn of(bytes: &[u8]) -> Self {
+        Self { length: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) }
+    }
+}
+
 /// Shards that are on the disk, by key; those without a file have `None`.
 pub(crate) type Shards = HashMap<String, Option<ShardFile>>;
 
@@ -164,13 +171,27 @@ impl Log {
         });
     }
 
-    /// Enters a shard: its file's content, which is on the disk, or `None`.
-    pub(crate) fn enter(&mut self, key: &str, file: Option<&[u8]>) -> Result<(), OmeZarrError> {
-        let file = file.map(|bytes| ShardFile { length: bytes.len() as u64, sha256: hex(&Sha256::digest(bytes)) });
-        self.enter_file(key, file)
+    /// Returns the keys of all shards with a file, sorted.
+    pub(crate) fn keys_of_files(&self) -> Vec<String> {
+        let mut keys: Vec<String> =
+            self.shards.iter().filter(|(_, file)| file.is_some()).map(|(key, _)| key.clone()).collect();
+        keys.sort_unstable();
+        keys
     }
 
-    fn enter_file(&mut self, key: &str, file: Option<ShardFile>) -> Result<(), OmeZarrError> {
+    /// Whether a file is that which was entered for a shard.
+    pub(crate) fn is_entered(&self, key: &str, file: &ShardFile) -> bool {
+        self.shards.get(key).is_some_and(|entered| entered.as_ref() == Some(file))
+    }
+
+    /// Leaves out a shard whose file was removed, for this process; the next one finds that the
+    /// file is missing.
+    pub(crate) fn forget(&mut self, key: &str) {
+        self.shards.remove(key);
+    }
+
+    /// Enters a shard: its file, which is on the disk, or `None`.
+    pub(crate) fn enter(&mut self, key: &str, file: Option<ShardFile>) -> Result<(), OmeZarrError> {
         match &file {
             Some(ShardFile { length, sha256 }) => self.line(&format!("{key} {length} {sha256}"))?,
             None => self.line(&format!("{key} empty"))?,
@@ -188,7 +209,7 @@ impl Log {
             let coarser: Vec<String> = self.shards.keys().filter(|key| !is_finest(key)).cloned().collect();
             coarser.iter().try_for_each(|key| self.reopen(key))?;
         }
-        new.into_iter().try_for_each(|(key, file)| self.enter_file(&key, file))
+        new.into_iter().try_for_each(|(key, file)| self.enter(&key, file))
     }
 
     /// Enters the shards of a region's log that another process has written.
@@ -265,9 +286,9 @@ mod tests {
         assert_eq!(begun, None);
         log.restart("abc").unwrap();
         std::fs::write(folder.path().join("a"), "12").unwrap();
-        log.enter("a", Some(b"12")).unwrap();
+        log.enter("a", Some(ShardFile::of(b"12"))).unwrap();
         log.enter("b", None).unwrap();
-        log.enter("c", Some(b"12")).unwrap();
+        log.enter("c", Some(ShardFile::of(b"12"))).unwrap();
         log.enter("d", None).unwrap();
         log.reopen("d").unwrap();
         assert!(matches!(Log::open(folder.path()), Err(OmeZarrError::Busy { .. })));

@@ -23,7 +23,7 @@ const END: &str = ".log";
 /// begun, and will finish. Any number of processes may do so at once. If two write the same region,
 /// their files have the same bytes.
 pub struct RegionWriter {
-    shards: ShardWriter,
+    pub(crate) shards: ShardWriter,
 }
 
 impl RegionWriter {

@@ -9,7 +9,7 @@ use crate::error::{BadShard, OmeZarrError};
 use crate::extent::ShardIndex;
 use crate::folder;
 use crate::gauge::Gauge;
-use crate::log::Log;
+use crate::log::{Log, ShardFile};
 use crate::meta::Meta;
 use crate::metadata::Kind;
 use crate::scalar::{Sample, Samples, Scalar};
@@ -212,6 +212,7 @@ impl ShardWriter {
                 _ => {}
             },
         }
+        let file = file.map(ShardFile::of);
         self.log().enter(key, file)
     }
 

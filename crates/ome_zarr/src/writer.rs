@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::error::{BadShard, OmeZarrError};
 use crate::extent::ShardIndex;
 use crate::folder;
-use crate::log::{self, Log};
+use crate::log::{self, Log, ShardFile};
 use crate::meta::Meta;
 use crate::metadata::{self, FILE, Kind};
 use crate::pyramid::halve;
@@ -204,10 +204,12 @@ impl OmeZarrWriter {
         let _counted = self.shards.gauge.take(1);
         let path = self.shards.part.join(key);
         let file = fs::read(&path).map_err(OmeZarrError::io(&path, "reading"))?;
-        codec.decode(file).map_err(|problem| OmeZarrError::Damaged {
-            path: self.shards.part.clone(),
-            key: key.to_owned(),
-            problem,
-        })
+        let damaged = |problem| OmeZarrError::Damaged { path: self.shards.part.clone(), key: key.to_owned(), problem };
+        // A decoder would not find all damage, and the pyramid would hold it.
+        let hashed = ShardFile::of(&file);
+        if !self.shards.log().is_entered(key, &hashed) {
+            return Err(damaged("its bytes are not those that were written".into()));
+        }
+        codec.decode(file).map_err(damaged)
     }
 }

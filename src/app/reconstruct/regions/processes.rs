@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::Value;
 
-use ome_zarr::{OmeZarrWriter, RegionWriter};
+use ome_zarr::{OmeZarrWriter, RegionWriter, Verified};
 use statistics::{RegionWork, WorkNumbers};
 use volume::brick::BrickBox;
 
@@ -15,6 +15,7 @@ use super::plan::RegionsPlan;
 use crate::app::part::Part;
 use crate::app::reconstruct::outputs::Request;
 use crate::app::reconstruct::sweep::Sweep;
+use crate::app::reconstruct::zarr::Target;
 use crate::app::reporter::Steps;
 use crate::failure::Failure;
 
@@ -103,6 +104,39 @@ pub(crate) fn status(path: &Path) -> Result<RegionsStatus, Failure> {
     Ok(RegionsStatus { done: regions.iter().filter(|region| region.done).count(), regions })
 }
 
+/// Result of a comparison of a volume's files with their hashes.
+#[derive(Debug, Serialize)]
+pub(crate) struct RegionsVerified {
+    /// Shards whose file has its hash.
+    pub(crate) whole: usize,
+    /// Files of damaged shards.
+    pub(crate) damaged: Vec<String>,
+    /// Numbers of the regions that are not written.
+    pub(crate) missing: Vec<usize>,
+    /// Numbers of the regions with a damaged shard.
+    pub(crate) regions: Vec<usize>,
+}
+
+/// Compares the files of a planned volume with their hashes. With `is_repaired`, damaged ones are
+/// deleted, so that their regions are not written any more.
+///
+/// # Errors
+/// [`Failure`] when the plan cannot be used, the volume is being finished, or a file cannot be read
+/// or deleted.
+pub(crate) fn verify(path: &Path, threads: usize, is_repaired: bool) -> Result<RegionsVerified, Failure> {
+    let plan = RegionsPlan::read(path, threads)?;
+    let (target, writer) = (plan.target()?, RegionWriter::join(path, &plan.described.meta)?);
+    let before = plan.missing(&target, &writer);
+    let Verified { whole, damaged } = writer.verify()?;
+    let mut regions = Vec::new();
+    if is_repaired {
+        writer.remove(&damaged)?;
+        regions = plan.missing(&target, &writer);
+        regions.retain(|number| !before.contains(number));
+    }
+    Ok(RegionsVerified { whole, damaged, missing: before, regions })
+}
+
 /// Writes the pyramid of a volume whose regions are all written, gives it its name, and returns
 /// its report.
 ///
@@ -112,8 +146,7 @@ pub(crate) fn status(path: &Path) -> Result<RegionsStatus, Failure> {
 pub(crate) fn finish(path: &Path, threads: usize) -> Result<Value, Failure> {
     let plan = RegionsPlan::read(path, threads)?;
     let (target, writer) = (plan.target()?, RegionWriter::join(path, &plan.described.meta)?);
-    let missing: Vec<usize> =
-        (0..plan.regions.len()).filter(|number| !target.has(writer.shards(), &plan.regions[*number])).collect();
+    let missing = plan.missing(&target, &writer);
     if let Some(first) = missing.first() {
         fail!(
             "{}: {} of {} regions are missing, such as number {}; reconstruct them by `sonoweave regions run`",
@@ -159,6 +192,11 @@ fn name(BrickBox { low, high }: &BrickBox) -> String {
 }
 
 impl RegionsPlan {
+    /// Returns the numbers of the regions that are not written.
+    fn missing(&self, target: &Target<'_>, writer: &RegionWriter) -> Vec<usize> {
+        (0..self.regions.len()).filter(|number| !target.has(writer.shards(), &self.regions[*number])).collect()
+    }
+
     /// Returns the report of the finished volume: that of the plan, with the work of the regions.
     fn report(&self, notes: &BTreeMap<String, String>) -> Result<Value, Failure> {
         let (mut numbers, mut sum) = (self.numbers(), RegionWork::default());
