@@ -2,7 +2,7 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny book fresh-machine sync-cost render-parts python
+	release-test deny book fresh-machine sync-cost render-parts python scale zarr-write
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -97,6 +97,7 @@ bench: setup
 	$(NUMBERS) record sync-cost out/bench/$(if $(QUICK),quick-)session/figures.json --command "make bench" \
 		--sources $(RECORDING)
 	cargo bench --locked -p sonoweave-drivers --bench images
+	$(MAKE) --no-print-directory zarr-write
 
 # Measures the time that syncs take from the writer of a recording. Nothing else should run
 # meanwhile.
@@ -111,6 +112,25 @@ render-parts: setup
 	cargo bench --locked --bench render -- --parts $(QUICK)
 	$(NUMBERS) record render-parts out/bench/$(if $(QUICK),quick-)render-parts/figures.json \
 		--command "make render-parts" --sources $(RENDERING)
+
+# The long forms of what `make test`, `make interop` and `make python` check in short ones: faults of
+# batches, regions and stores; volumes larger than memory; clusters. Then it measures the memory and
+# the speed of writing OME-Zarr. Takes half an hour; installs what `make interop` and `make python` do.
+ZARR = crates/formats,crates/ome_zarr
+scale: setup
+	SONOWEAVE_STRESS=full cargo test --release $(PACKAGES) --test cli -- --include-ignored batch region ome_zarr
+	@scripts/setup.sh interop
+	scripts/interop/environment.sh
+	scripts/interop/ome_zarr.sh
+	scripts/interop/failing_store.sh
+	scripts/python.sh
+	$(MAKE) --no-print-directory zarr-write
+
+# Measures the memory and the speed of writing OME-Zarr. Nothing else should run meanwhile.
+zarr-write: setup
+	cargo bench --locked -p sonoweave-ome-zarr --bench write -- $(QUICK)
+	$(NUMBERS) record ome-zarr out/bench/$(if $(QUICK),quick-)ome-zarr/figures.json --command "make zarr-write" \
+		--sources $(ZARR)
 
 # Makes the book of the pages in docs: out/book. The checks of `make style` hold its links, commands
 # and messages.
@@ -148,6 +168,7 @@ interop:
 	scripts/interop/igtl.sh
 	scripts/interop/session.sh
 	scripts/interop/ome_zarr.sh
+	scripts/interop/failing_store.sh
 	scripts/interop/snakemake_environment.sh
 	scripts/interop/batch.sh
 

@@ -96,9 +96,9 @@ def test_failed_sweep_is_named(program, planned, client, tmp_path) -> None:
 class Driver:
     """The command in a process of its own, whose workers are found and killed."""
 
-    def __init__(self, program: str, *words: object) -> None:
-        environment = os.environ | {"SONOWEAVE_PROGRAM": program}
-        command = [sys.executable, "-m", "sonoweave.batch", *map(str, words), "--workers=3"]
+    def __init__(self, program: str, *words: object, **settings: str) -> None:
+        environment = os.environ | {"SONOWEAVE_PROGRAM": program} | settings
+        command = [sys.executable, "-m", "sonoweave.batch", *map(str, words), "--workers=4"]
         self.child = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
@@ -106,13 +106,13 @@ class Driver:
     def is_running(self) -> bool:
         return self.child.poll() is None
 
-    def kill_busy_worker(self) -> bool:
-        """Wait until a worker runs the program, and kill it; tell whether one was."""
+    def signal_busy_worker(self, number: int) -> bool:
+        """Wait until a worker runs the program, and send it a signal; tell whether one did."""
         while self.is_running():
             try:
                 for worker in psutil.Process(self.child.pid).children():
                     if any("sonoweave" in child.name() for child in worker.children()):
-                        worker.send_signal(signal.SIGKILL)
+                        worker.send_signal(number)
                         return True
             except psutil.Error:
                 pass
@@ -137,8 +137,8 @@ def survives(program: str, words: list[object], again) -> int:
     while workers < 10 or drivers < 3:
         driver = Driver(program, *words)
         for _ in range(4):
-            workers += driver.kill_busy_worker()
-        if driver.kill_busy_worker():
+            workers += driver.signal_busy_worker(signal.SIGKILL)
+        if driver.signal_busy_worker(signal.SIGKILL):
             drivers += 1
             driver.kill()
             continue
@@ -164,6 +164,17 @@ def test_killed_workers_and_drivers_leave_the_same_files(program, planned) -> No
     results = {f"sweeps/{name}" for name in files(run / "sweeps")}
     tries = {name for name in left if name.startswith("attempts/") and name.endswith(".json")}
     assert left == results | accounts | tries | {"plan.jsonl"}
+
+
+def test_stopped_worker_is_replaced(program, planned) -> None:
+    run = planned / "run"
+    shutil.rmtree(run / "sweeps", ignore_errors=True)
+    driver = Driver(program, "run", run, DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="3s")
+    # Nothing but the scheduler's limit ends it.
+    assert driver.signal_busy_worker(signal.SIGSTOP)
+    printed, _ = driver.child.communicate()
+    assert driver.child.returncode == 0 and f"{SWEEPS} done, 0 failed" in printed, printed
+    assert files(run / "sweeps") == files(planned / "alone" / "sweeps")
 
 
 def test_regions_on_killed_workers_are_the_whole(program, sweep, tmp_path) -> None:

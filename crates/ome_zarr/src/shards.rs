@@ -144,17 +144,21 @@ impl ShardWriter {
         }
         let unseen = T::of_unseen(self.meta.unseen);
         let (edge, voxels) = self.edge_and_voxels();
+        // Neither other values of unseen voxels nor the sign of 0 shall make a difference.
+        let is_plain = |value: &T, weight: &f32| *weight != 0.0 || (weight.to_bits() == 0 && value.is_same(unseen));
+        if size == [edge; 3] && values.iter().zip(weights).all(|(value, weight)| is_plain(value, weight)) {
+            return self.store(0, index, values, weights);
+        }
         let _counted = self.gauge.take(2);
         let (mut whole_values, mut whole_weights) = (vec![unseen; voxels], vec![0.0; voxels]);
         pad(values, size, edge, &mut whole_values);
         pad(weights, size, edge, &mut whole_weights);
         for (value, weight) in whole_values.iter_mut().zip(&mut whole_weights) {
             if *weight == 0.0 {
-                // Neither other values nor the sign of 0 shall make a difference.
                 (*value, *weight) = (unseen, 0.0);
             }
         }
-        self.store(0, index, &whole_values, whole_weights)
+        self.store(0, index, &whole_values, &whole_weights)
     }
 
     /// Leaves out a shard of level 0, in which nothing was seen.
@@ -173,15 +177,15 @@ impl ShardWriter {
         level: usize,
         index: ShardIndex,
         values: &[T],
-        weights: Vec<f32>,
+        weights: &[f32],
     ) -> Result<(), OmeZarrError> {
         self.reopen_parents(level, index)?;
         let _counted = self.gauge.take(1);
         let unseen = T::of_unseen(self.meta.unseen);
         self.store_encoded(Kind::Value, level, index, self.values.encode(values, unseen))?;
-        self.store_encoded(Kind::Weight, level, index, self.weights.encode(&weights, 0.0))?;
+        self.store_encoded(Kind::Weight, level, index, self.weights.encode(weights, 0.0))?;
         if let Some(label) = &self.label {
-            let seen: Vec<u8> = weights.into_iter().map(|weight| u8::from(weight > 0.0)).collect();
+            let seen: Vec<u8> = weights.iter().map(|weight| u8::from(*weight > 0.0)).collect();
             self.store_encoded(Kind::Seen, level, index, label.encode(&seen, 0))?;
         }
         Ok(())

@@ -149,7 +149,7 @@ impl OmeZarrWriter {
                 if has_values { self.load(&self.shards.values, &value_key)? } else { vec![unseen; voxels] };
             halve(edge, (&child_values, &child_weights), octant, (&mut values, &mut weights));
         }
-        self.shards.store(level, index, &values, weights)
+        self.shards.store(level, index, &values, &weights)
     }
 
     /// Returns the children of a shard, with their octants.
