@@ -139,7 +139,7 @@ peers:
 # voxels at the same place, and an Orthanc server on loopback returns what it received. OpenIGTLink:
 # the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of
 # MCAP and Foxglove's own classes find the same pictures and poses. Batches: Snakemake runs the
-# example of the documents.
+# example of the documents. A fleet: Debian's Prometheus scrapes ten sessions by packaging/fleet.
 interop:
 	@scripts/setup.sh interop
 	scripts/interop/environment.sh
@@ -150,6 +150,7 @@ interop:
 	scripts/interop/ome_zarr.sh
 	scripts/interop/snakemake_environment.sh
 	scripts/interop/batch.sh
+	scripts/interop/fleet.sh
 
 # Tests the console's page in Debian's Chromium: it shows a session at the virtual bedside, steers
 # it, and loses and finds it again. Pictures of the page are in out/console-test.

@@ -23,15 +23,15 @@ pub struct About {
     pub pixel_mm: Option<[f64; 2]>,
 }
 
-/// Identity of a session for programs that watch many. Each part is the beginning of a hash, so
-/// that none names a person or a folder.
+/// Identity of a session for programs that watch many. Its hashes are cut to 12 digits, and name
+/// no person and no folder.
 #[derive(Debug, Clone, Default)]
 pub struct Identity {
-    /// Of the name of the session's recording; empty before it begins.
+    /// Hash of the name of the session's recording; empty before it begins.
     pub session: String,
-    /// Of the configuration file.
+    /// Hash of the configuration file.
     pub configuration: String,
-    /// Of the calibration file; empty without one.
+    /// Hash of the calibration file; empty without one.
     pub calibration: String,
 }
 

@@ -175,8 +175,11 @@ fn identity(to: &mut Exposition, version: &str, facts: &Facts<'_>) {
     if let Some(made) = calibrated {
         // The file has a day; another time zone may be a day ahead.
         let days = Date::today().days_since(*made).max(0);
-        to.gauge("sonoweave_calibration_age_seconds", "Time since the day of the probe's calibration, in steps of a day.")
-            .sample(&[], days as f64 * 86_400.0);
+        to.gauge(
+            "sonoweave_calibration_age_seconds",
+            "Time since the day of the probe's calibration, in steps of a day.",
+        )
+        .sample(&[], days as f64 * 86_400.0);
     }
     to.gauge("sonoweave_recording_active", "1 while the session is recorded.")
         .sample(&[], f64::from(u8::from(facts.is_recorded)));

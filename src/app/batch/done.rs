@@ -70,8 +70,8 @@ fn brief(folder: &RunFolder, sweep: &Planned) -> Option<Brief> {
     let brief: Brief = serde_json::from_slice(&text).ok()?;
     // A damaged account must not lead out of the folder.
     let is_inside = |output: &Output| Path::new(&output.path).components().all(|c| matches!(c, Component::Normal(_)));
-    let Brief { key, outputs, .. } = &brief;
-    (*key == sweep.key && !outputs.is_empty() && outputs.iter().all(is_inside)).then_some(brief)
+    let has_files = !brief.outputs.is_empty() && brief.outputs.iter().all(is_inside);
+    (brief.key == sweep.key && has_files).then_some(brief)
 }
 
 /// Whether a sweep is done: its account has the key, and its files have their lengths.
