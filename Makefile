@@ -142,13 +142,13 @@ peers:
 # example of the documents. A fleet: Debian's Prometheus scrapes ten sessions by packaging/fleet.
 interop:
 	@scripts/setup.sh interop
-	scripts/interop/environment.sh
+	scripts/interop/environment.sh interop
 	scripts/interop/run.sh
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
 	scripts/interop/session.sh
 	scripts/interop/ome_zarr.sh
-	scripts/interop/snakemake_environment.sh
+	scripts/interop/environment.sh snakemake
 	scripts/interop/batch.sh
 	scripts/interop/fleet.sh
 
