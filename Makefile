@@ -120,7 +120,7 @@ ZARR = crates/formats,crates/ome_zarr
 scale: setup
 	SONOWEAVE_STRESS=full cargo test --release $(PACKAGES) --test cli -- --include-ignored batch region ome_zarr
 	@scripts/setup.sh interop
-	scripts/interop/environment.sh
+	scripts/interop/environment.sh interop
 	scripts/interop/ome_zarr.sh
 	scripts/interop/failing_store.sh
 	scripts/python.sh
@@ -159,18 +159,19 @@ peers:
 # voxels at the same place, and an Orthanc server on loopback returns what it received. OpenIGTLink:
 # the reference library and pyigtl, as clients and as servers. Sessions: an independent reader of
 # MCAP and Foxglove's own classes find the same pictures and poses. Batches: Snakemake runs the
-# example of the documents.
+# example of the documents. A fleet: Debian's Prometheus scrapes ten sessions by packaging/fleet.
 interop:
 	@scripts/setup.sh interop
-	scripts/interop/environment.sh
+	scripts/interop/environment.sh interop
 	scripts/interop/run.sh
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
 	scripts/interop/session.sh
 	scripts/interop/ome_zarr.sh
 	scripts/interop/failing_store.sh
-	scripts/interop/snakemake_environment.sh
+	scripts/interop/environment.sh snakemake
 	scripts/interop/batch.sh
+	scripts/interop/fleet.sh
 
 # Tests the console's page in Debian's Chromium: it shows a session at the virtual bedside, steers
 # it, and loses and finds it again. Pictures of the page are in out/console-test.

@@ -84,6 +84,10 @@ if understood /etc/udev/rules.d/71-broken.rules >/dev/null; then
 fi
 rm /etc/udev/rules.d/71-broken.rules
 
+fleet=/usr/share/doc/sonoweave/examples/fleet
+listed() { is "$(cd $fleet && find . -type f | sed 's|targets/.*|targets/*.json|' | LC_ALL=C sort | xargs -n1 basename | xargs)" "$1"; }
+check "the files of a fleet are those of the page" listed "agent.yml dashboard.json prometheus.yml rules.yml rules_test.yml *.json"
+
 check "systemd understands the unit" silent systemd-analyze verify sonoweave.service
 check "the service is not enabled" is "$(systemctl is-enabled sonoweave || true)" disabled
 check "its user has the devices' groups" is "$(id -Gn sonoweave | tr ' ' '\n' | sort | xargs)" "dialout plugdev sonoweave video"

@@ -66,6 +66,7 @@ for file in "$place"/sample/*; do put "$file" "usr/share/sonoweave/sample/${file
 
 documents=usr/share/doc/sonoweave
 for example in docs/examples/*.toml; do put "$example" "$documents/examples/${example##*/}"; done
+for file in packaging/fleet/*.* packaging/fleet/targets/*; do put "$file" "$documents/examples/${file#packaging/}"; done
 for drawn in docs/phantom/nwire.*; do put "$drawn" "$documents/phantom/${drawn##*/}"; done
 put packaging/debian/copyright "$documents/copyright"
 pack packaging/debian/changelog "$documents/changelog.Debian"

@@ -70,6 +70,7 @@ for shell in bash zsh fish; do "$program" completions $shell -o "$stage/completi
 scripts/sample.sh "$program" "$stage/sample"
 mkdir -p "$stage/docs"
 cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
+cp -r packaging/fleet "$stage/docs/examples/fleet"
 cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
 chmod -R u=rwX,go=rX "$stage"
 tar --sort=name --format=gnu --mtime="@$SOURCE_DATE_EPOCH" --owner=0 --group=0 --numeric-owner \

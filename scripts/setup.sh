@@ -6,9 +6,9 @@
 #
 # package: the tools that make a Debian package.
 # release: those, the C compiler for static programs, and Rust's library for them, by rustup.
-# interop: Python environments, a verifier and an archive for DICOM, and OpenIGTLink's reference
-#   library. Debian starts the archive's service on systems with systemd;
-#   `systemctl disable --now orthanc` ends it.
+# interop: Python environments, a verifier and an archive for DICOM, OpenIGTLink's reference
+#   library, and Prometheus. Debian starts the services of archive and Prometheus on systems with
+#   systemd; `systemctl disable --now orthanc prometheus` ends them.
 # console: a browser, and node to drive it.
 # python: the module that makes Python environments.
 set -eu
@@ -36,6 +36,8 @@ fi
 case ${1:-} in interop | python) python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv" ;; esac
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
+[ "${1:-}" != interop ] || need prometheus /usr/bin/promtool
+[ "${1:-}" != interop ] || need openssl /usr/bin/openssl
 [ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"
 [ "${1:-}" != interop ] || need libopenigtlink-dev /usr/include/openigtlink/igtlClientSocket.h
 if [ "${1:-}" = console ]; then

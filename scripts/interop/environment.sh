@@ -1,15 +1,25 @@
 #!/bin/sh
-# Installs the programs that read our image files and write theirs into out/interop (800 MB), from
-# the package index that pip is set up for. Nothing outside of that folder is changed.
+# Installs the other programs of a list, scripts/interop/NAME.txt, into out/NAME, from the package
+# index that pip is set up for. Nothing outside of that folder is changed.
+#
+#   scripts/interop/environment.sh interop|snakemake
+#
+# interop: readers and writers of our files and messages (800 MB).
+# snakemake: Snakemake, which runs the example of docs/cluster.md (140 MB).
 set -eu
 cd "$(dirname "$0")/../.."
 
-wanted=scripts/interop/requirements.txt
-into=out/interop
+name=${1:-}
+wanted=scripts/interop/$name.txt
+into=out/$name
+[ -f "$wanted" ] || {
+    echo "environment: there is no list \"$name\"; give interop or snakemake" >&2
+    exit 2
+}
 
 # The list of packages is copied last: with it, the environment is complete.
 if [ -x "$into/bin/python" ] && cmp -s "$wanted" "$into/installed.txt"; then
-    echo "interop: the other programs are in $into"
+    echo "$name: the other programs are in $into"
     exit 0
 fi
 if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
@@ -18,10 +28,9 @@ fi
 mkdir -p out
 # An incomplete environment is made again.
 python3 -m venv --clear "$into"
-# crcmod, which pyigtl needs, has no wheel: it is built, with or without a C compiler.
-"$into/bin/python" -m pip --disable-pip-version-check install --quiet --only-binary :all: --no-binary crcmod --requirement "$wanted" || {
-    echo "interop: $wanted could not be installed for $(python3 --version); pip's message is above." >&2
+"$into/bin/python" -m pip --disable-pip-version-check install --quiet --requirement "$wanted" || {
+    echo "$name: $wanted could not be installed for $(python3 --version); pip's message is above." >&2
     exit 1
 }
 cp "$wanted" "$into/installed.txt"
-echo "interop: SimpleITK, VTK, pynrrd, nibabel, pydicom, pyigtl, mcap and zarr are in $into"
+echo "$name: the programs of $wanted are in $into"

@@ -1,15 +1,15 @@
 //! Functions shared by commands that read files: hashes, kinds of files, checks of names.
 
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
+use sha2::{Digest as _, Sha256};
 
 use formats::Limits;
 use formats::image::{Container, open_sequence};
 
+use super::sha256;
 use crate::failure::{Failure, FailureKind};
 
 /// Magic bytes of a session's file.
@@ -30,12 +30,7 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
             n => hasher.update(&buffer[..n]),
         }
     }
-    let mut text = String::with_capacity(64);
-    for byte in hasher.finalize() {
-        // Writing to a string does not fail.
-        let _ = write!(text, "{byte:02x}");
-    }
-    Ok(text)
+    Ok(sha256::text(hasher))
 }
 
 /// Returns the files of a recording, and its size as an estimate of its cost: pixels of all

@@ -8,6 +8,7 @@ pub(crate) mod ended;
 mod foreign;
 mod free_space;
 pub(crate) mod home;
+mod identity;
 pub(crate) mod options;
 pub(crate) mod outputs;
 mod reload;

@@ -24,4 +24,5 @@ pub(crate) mod render;
 pub(crate) mod replay;
 pub(crate) mod reporter;
 pub mod service;
+pub(crate) mod sha256;
 pub(crate) mod volume_input;

@@ -79,6 +79,21 @@ impl FailureKind {
         Self::ALL.into_iter().find(|kind| i32::from(kind.code()) == code)
     }
 
+    /// Returns the name; the serialised form is the same.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Other => "other",
+            Self::Usage => "usage",
+            Self::Input => "input",
+            Self::Configuration => "configuration",
+            Self::NoFrame => "no_frame",
+            Self::Memory => "memory",
+            Self::Output => "output",
+            Self::Timeout => "timeout",
+            Self::SomeFailed => "some_failed",
+        }
+    }
+
     /// Describes the kind in a few words.
     pub fn words(self) -> &'static str {
         match self {
@@ -289,6 +304,7 @@ mod tests {
     #[test]
     fn every_kind_has_its_own_code() {
         for kind in FailureKind::ALL {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.name());
             assert_eq!(FailureKind::of_code(kind.code().into()), Some(kind));
         }
         let codes: std::collections::BTreeSet<u8> = FailureKind::ALL.map(FailureKind::code).into();

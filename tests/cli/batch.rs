@@ -144,7 +144,26 @@ fn poison_sweeps_fail_alone_with_their_codes() {
     let codes: BTreeMap<&str, i64> = status["unfinished"].as_array().unwrap().iter().map(code_of).collect();
     assert_eq!(codes, BTreeMap::from([("cut", 3), ("large", 6), ("shot", 137), ("unplaced", 4)]));
     let metrics = String::from_utf8(place.get("status.prom")).unwrap();
-    assert!(metrics.contains(&format!("sonoweave_batch_sweeps{{state=\"done\"}} {}\n", count - 4)), "{metrics}");
+    let number = |name: &str, label: &str| -> f64 {
+        let sample = format!("{name}{{batch=\"status\",{label}}} ");
+        let found = metrics.lines().find_map(|line| line.strip_prefix(&sample));
+        found.unwrap_or_else(|| panic!("{sample} in\n{metrics}")).parse().unwrap()
+    };
+    let sweeps = ["done", "failed", "running", "waiting"].map(|state| format!("state=\"{state}\""));
+    let sweeps = sweeps.map(|state| number("sonoweave_batch_sweeps", &state));
+    assert_eq!(sweeps, [(count - 4) as f64, 4.0, 0.0, 0.0]);
+    let reasons = ["input", "memory", "signal", "configuration", "timeout"].map(|why| format!("reason=\"{why}\""));
+    let reasons = reasons.map(|reason| number("sonoweave_batch_failed_sweeps", &reason));
+    assert_eq!(reasons, [1.0, 1.0, 1.0, 1.0, 0.0]);
+    let seconds = ["done", "failed"].map(|state| format!("state=\"{state}\""));
+    let seconds = seconds.map(|state| number("sonoweave_batch_tries_seconds", &state));
+    assert!(seconds.iter().all(|seconds| *seconds > 0.0), "{metrics}");
+    assert!(place.names().iter().all(|name| !name.ends_with(".part")), "renamed, and nothing is left");
+    for name in ["status.txt", ".prom", "a\"b.prom"] {
+        let refused = place.run(&format!("batch status run --prometheus {name}"));
+        assert!(refused.code == 2 && refused.stderr.contains("ends in .prom"), "{}", refused.stderr);
+    }
+    ends(&place, 7, "batch status run --prometheus none/x.prom");
     let began = all_tries(&place, "run");
     assert_eq!(began, count + 2, "twice: the killed one, and the one without memory");
     let shot = &tries(&place, "run", "shot")[0];

@@ -13,7 +13,7 @@ use clap::CommandFactory;
 use serde_json::Value;
 use sonoweave::cli::Arguments;
 
-use super::daemon::{Session, ask};
+use super::daemon::{SMALL, Session, ask};
 use super::place::Place;
 
 const FILE: &str = "docs/interface.txt";
@@ -110,13 +110,20 @@ fn constants(value: &Value, names: &mut Vec<String>) {
     }
 }
 
-/// Names, types and help of the metrics of a session that records.
+/// Names, types and help of the metrics of a session that has all: a calibration with its day, an
+/// OpenIGTLink server, and a recording whose rate is known.
 fn metrics(text: &mut String) {
-    let mut session = Session::begin("--record rec --picture p.png", &[]);
+    let place = Place::new();
+    place.put("b.toml", format!("{SMALL}[calibration]\nfile = \"c.toml\"\n"));
+    let calibration = "format = \"sonoweave-calibration\"\nversion = 1\nprovenance = \"a test\"\n[image_to_probe]\n\
+        made = \"2026-01-02\"\nmatrix = [0.2, 0, 0, 0, 0, 0.2, 0, 0, 0, 0, 0.2, 0, 0, 0, 0, 1]\n";
+    place.put("c.toml", calibration);
+    let words = "live --config b.toml --json=s.json --record rec --picture p.png --igtl=127.0.0.1:0";
+    let mut session = Session::at(place, words, &[]);
     let address = session.address();
     session.waits_for("recording", || {
         let status: Value = serde_json::from_str(&ask(&address, &address, "/status").1).ok()?;
-        (status["recording"]["stored"].as_u64() > Some(0)).then_some(())
+        status["recording"]["minutes_left"].as_f64()
     });
     let (code, answer) = ask(&address, "localhost", "/metrics");
     assert_eq!(code, 200, "{answer}");

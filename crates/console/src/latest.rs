@@ -7,6 +7,7 @@ use config::bedside::Effective;
 use guidance::GuidanceStatus;
 use measure::Uncertainty;
 use pipeline::session::SessionStatus;
+use sonoweave_core::date::Date;
 use statistics::{IgtlNumbers, LiveStatistics};
 
 /// Description of a session for pages.
@@ -22,6 +23,18 @@ pub struct About {
     pub pixel_mm: Option<[f64; 2]>,
 }
 
+/// Identity of a session for programs that watch many. Its hashes are cut to 12 digits, and name
+/// no person and no folder.
+#[derive(Debug, Clone, Default)]
+pub struct Identity {
+    /// Hash of the name of the session's recording; empty before it begins.
+    pub session: String,
+    /// Hash of the configuration file.
+    pub configuration: String,
+    /// Hash of the calibration file; empty without one.
+    pub calibration: String,
+}
+
 /// A session whose status is older than this has stalled.
 pub(super) const STALE: Duration = Duration::from_secs(5);
 
@@ -34,6 +47,10 @@ pub struct Basis {
     pub uncertainty: Uncertainty,
     /// Description of the session's pictures.
     pub about: About,
+    /// Identity of the session.
+    pub identity: Identity,
+    /// Day of the probe's calibration, if known.
+    pub calibrated: Option<Date>,
 }
 
 /// The newest status of a session, for clients.
@@ -111,6 +128,15 @@ impl Latest {
     /// Returns the last report.
     pub(super) fn report(&self) -> Report {
         self.lock().clone()
+    }
+
+    /// Returns the time since the last frame by a report, or since the session's begin before the
+    /// first, s. It grows even if the session no longer reports.
+    pub(super) fn frame_age_s(&self, report: &Report) -> f64 {
+        match report.account.last_frame_s_ago {
+            Some(ago) => ago + report.at.elapsed().as_secs_f64(),
+            None => self.began.elapsed().as_secs_f64(),
+        }
     }
 
     pub(super) fn statistics<'a>(&'a self, report: &'a Report) -> LiveStatistics<'a> {

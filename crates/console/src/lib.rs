@@ -61,7 +61,7 @@ pub use broadcast::FrameBroadcaster;
 pub use counts::Counts;
 pub use encoded_frame::{EncodedFrame, Kind, Pixmap};
 pub use error::ConsoleError;
-pub use latest::{About, Basis, Latest};
+pub use latest::{About, Basis, Identity, Latest};
 pub use listen::Listen;
 pub use routes::routes;
 pub use served::{ConsoleSession, Served};

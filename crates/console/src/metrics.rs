@@ -7,10 +7,13 @@
 use std::fmt::Write as _;
 
 use pipeline::session::{SessionStatus, Spread, Written};
+use sonoweave_core::date::Date;
+use sonoweave_core::ledger::Queue;
 use statistics::{IgtlNumbers, LiveStatistics};
 use sync::clock::State;
 
 use super::counts::Counts;
+use super::latest::{Basis, Identity};
 
 /// Upper bounds of the latency buckets, ms. They include the project's targets, 20 and 50 ms.
 const EDGES_MS: [u64; 14] = [1, 2, 5, 10, 15, 20, 30, 40, 50, 75, 100, 200, 500, 2000];
@@ -72,10 +75,20 @@ impl Family<'_> {
     }
 }
 
+/// Facts of a session that its statistics lack.
+pub(super) struct Facts<'a> {
+    pub(super) basis: &'a Basis,
+    /// Time since the last frame, or since the session's begin before the first, s.
+    pub(super) frame_age_s: f64,
+    /// Whether a recording is under way.
+    pub(super) is_recorded: bool,
+}
+
 /// Returns all metrics of the session.
-pub(super) fn text(statistics: &LiveStatistics<'_>) -> String {
+pub(super) fn text(statistics: &LiveStatistics<'_>, facts: &Facts<'_>) -> String {
     let mut to = Exposition::default();
     to.gauge("sonoweave_build_info", "Version of the running program.").sample(&[("version", statistics.version)], 1.0);
+    identity(&mut to, statistics.version, facts);
     to.gauge("sonoweave_uptime_seconds", "Time since the session began.").sample(&[], statistics.wall_s);
     let granted = &statistics.account.scheduling;
     to.gauge("sonoweave_realtime", "1 while threads that receive data have real-time priority.")
@@ -145,6 +158,38 @@ pub(super) fn of_console(counts: &Counts) -> String {
     to.0
 }
 
+fn identity(to: &mut Exposition, version: &str, facts: &Facts<'_>) {
+    let Basis { identity, calibrated, .. } = facts.basis;
+    let Identity { session, configuration, calibration } = identity;
+    let labels = [
+        ("session", session.as_str()),
+        ("configuration", configuration),
+        ("calibration", calibration),
+        ("version", version),
+    ];
+    to.gauge(
+        "sonoweave_session_info",
+        "Hashes of the recording's name, the configuration file and the calibration file, and the version.",
+    )
+    .sample(&labels, 1.0);
+    if let Some(made) = calibrated {
+        // The file has a day; another time zone may be a day ahead.
+        let days = Date::today().days_since(*made).max(0);
+        to.gauge(
+            "sonoweave_calibration_age_seconds",
+            "Time since the day of the probe's calibration, in steps of a day.",
+        )
+        .sample(&[], days as f64 * 86_400.0);
+    }
+    to.gauge("sonoweave_recording_active", "1 while the session is recorded.")
+        .sample(&[], f64::from(u8::from(facts.is_recorded)));
+    to.gauge(
+        "sonoweave_frame_age_seconds",
+        "Time since the last frame, or since the session's begin before the first.",
+    )
+    .sample(&[], facts.frame_age_s);
+}
+
 fn frames(to: &mut Exposition, account: &SessionStatus) {
     let frames = &account.ledger.frames;
     to.counter("sonoweave_frames_arrived_total", "Frames that were received from grabbers.")
@@ -155,8 +200,10 @@ fn frames(to: &mut Exposition, account: &SessionStatus) {
     for (reason, count) in &frames.refused {
         outcomes.sample(&[("fate", "refused"), ("reason", reason.name())], *count as f64);
     }
-    for (queue, count) in &frames.dropped {
-        outcomes.sample(&[("fate", "dropped"), ("reason", queue.name())], *count as f64);
+    // Rates need samples from before the first drop.
+    for queue in Queue::ALL {
+        let count = frames.dropped.get(&queue).copied().unwrap_or(0);
+        outcomes.sample(&[("fate", "dropped"), ("reason", queue.name())], count as f64);
     }
     to.gauge("sonoweave_frames_waiting", "Frames that were received and are pending.")
         .sample(&[], frames.waiting as f64);
@@ -322,6 +369,10 @@ fn recording(to: &mut Exposition, written: &Written) {
         .sample(&[], written.unsynced_most_s);
     to.gauge("sonoweave_recording_in_trouble", "1 while the recording cannot be written or synced.")
         .sample(&[], f64::from(u8::from(!written.trouble.is_empty())));
+    if let Some(bytes) = written.free_bytes {
+        to.gauge("sonoweave_recording_disk_free_bytes", "Space on the disk that the recording may still take.")
+            .sample(&[], bytes as f64);
+    }
     if let Some(minutes) = written.minutes_left {
         to.gauge("sonoweave_recording_disk_left_seconds", "Time until the disk is full, at the present rate.")
             .sample(&[], minutes * 60.0);

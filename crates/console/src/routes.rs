@@ -58,7 +58,12 @@ async fn status(State(served): State<Served>) -> Response {
 async fn prometheus(State(Served { session, gate, .. }): State<Served>) -> Response {
     let latest = &session.latest;
     let report = latest.report();
-    let text = metrics::text(&latest.statistics(&report)) + &metrics::of_console(&gate.counts);
+    let facts = metrics::Facts {
+        basis: &report.basis,
+        frame_age_s: latest.frame_age_s(&report),
+        is_recorded: session.controller.status().records,
+    };
+    let text = metrics::text(&latest.statistics(&report), &facts) + &metrics::of_console(&gate.counts);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 

@@ -1,6 +1,7 @@
 //! The handlers without a socket, and the socket with misbehaving clients.
 
 mod api;
+mod fleet;
 mod foreign;
 mod others;
 mod pick;
@@ -83,6 +84,7 @@ fn eventful() -> SessionStatus {
         unsynced_s: 0.5,
         unsynced_most_s: 0.75,
         slow_disk: false,
+        free_bytes: Some(6_000_000_000),
         minutes_left: Some(90.0),
         trouble: String::new(),
     });

@@ -44,6 +44,9 @@ pub enum Queue {
 }
 
 impl Queue {
+    /// All queues.
+    pub const ALL: [Self; 2] = [Self::Pairing, Self::Insertion];
+
     /// The name in statistics; the serialised form is the same.
     pub const fn name(self) -> &'static str {
         match self {

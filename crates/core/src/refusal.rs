@@ -80,6 +80,33 @@ impl From<&NotRigid> for Reason {
 }
 
 impl Reason {
+    /// All reasons.
+    pub const ALL: [Self; 23] = [
+        Self::ImageStatus,
+        Self::ImageMissing,
+        Self::ImageOrientation,
+        Self::ImageType,
+        Self::Colour,
+        Self::PixelNotFinite,
+        Self::TimeInvalid,
+        Self::PoseMissing,
+        Self::PoseInvalid,
+        Self::PoseNotFinite,
+        Self::PoseMirrored,
+        Self::PoseNotRigid,
+        Self::PoseSingular,
+        Self::NoPath,
+        Self::SizeChanged,
+        Self::Repeated,
+        Self::OutOfRange,
+        Self::OutOfTime,
+        Self::OutOfPlane,
+        Self::PixelSize,
+        Self::SamePicture,
+        Self::Frozen,
+        Self::VolumeFull,
+    ];
+
     /// Returns the name in statistics; the serialised form is the same.
     pub const fn name(self) -> &'static str {
         match self {
@@ -144,36 +171,10 @@ impl fmt::Display for Refusal {
 mod tests {
     use super::*;
 
-    const ALL: [Reason; 23] = [
-        Reason::ImageStatus,
-        Reason::ImageMissing,
-        Reason::ImageOrientation,
-        Reason::ImageType,
-        Reason::Colour,
-        Reason::PixelNotFinite,
-        Reason::TimeInvalid,
-        Reason::PoseMissing,
-        Reason::PoseInvalid,
-        Reason::PoseNotFinite,
-        Reason::PoseMirrored,
-        Reason::PoseNotRigid,
-        Reason::PoseSingular,
-        Reason::NoPath,
-        Reason::SizeChanged,
-        Reason::Repeated,
-        Reason::OutOfRange,
-        Reason::OutOfTime,
-        Reason::OutOfPlane,
-        Reason::PixelSize,
-        Reason::SamePicture,
-        Reason::Frozen,
-        Reason::VolumeFull,
-    ];
-
     #[test]
     fn names_match_serialised_form_and_are_unique() {
         let mut names = std::collections::BTreeSet::new();
-        for reason in ALL {
+        for reason in Reason::ALL {
             assert_eq!(serde_json::to_string(&reason).unwrap(), format!("\"{}\"", reason.name()));
             assert!(names.insert(reason));
         }

@@ -69,6 +69,11 @@ impl Attempt {
         self.state == AttemptState::Started && owner.is_alive().unwrap_or(true)
     }
 
+    /// Returns the time that the try took, or has taken so far, s.
+    pub(crate) fn time_s(&self) -> f64 {
+        if self.is_running() { (now_unix_s() - self.began_unix_s).max(0.0) } else { self.wall_s }
+    }
+
     /// Begins a try: its file has the next free number, whoever else begins one.
     ///
     /// # Errors
@@ -87,7 +92,7 @@ impl Attempt {
             process,
             process_start: start,
             child: None,
-            began_unix_s: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64()),
+            began_unix_s: now_unix_s(),
             wall_s: 0.0,
             exit: None,
             signal: None,
@@ -124,6 +129,11 @@ impl Attempt {
     fn path(&self, folder: &RunFolder) -> PathBuf {
         folder.attempts(&self.id).join(format!("{}.json", self.number))
     }
+}
+
+/// Returns the present time, seconds since 1970.
+fn now_unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
 
 /// Returns the tries of a sweep with a key, in order. Files that a kill has left incomplete are

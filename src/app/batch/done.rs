@@ -9,8 +9,8 @@ use serde_json::Value;
 use super::folder::RunFolder;
 use super::key::Input;
 use super::plan::Planned;
-use crate::app::input;
 use crate::app::json::document;
+use crate::app::{input, sha256};
 use crate::failure::Failure;
 
 /// Name of the account.
@@ -46,11 +46,12 @@ pub(crate) struct Done {
     pub(crate) report: Value,
 }
 
-/// The parts of an account that say whether a sweep is done.
+/// The parts of an account that say whether a sweep is done, and its time.
 #[derive(Deserialize)]
 struct Brief {
     key: String,
     outputs: Vec<Output>,
+    wall_s: f64,
 }
 
 impl Done {
@@ -63,22 +64,27 @@ impl Done {
     }
 }
 
-/// Returns the files of a sweep by its account; `None` if there is none with its key, or it cannot
-/// be read.
-fn outputs(folder: &RunFolder, sweep: &Planned) -> Option<Vec<Output>> {
+/// Returns the account of a sweep; `None` if there is none with its key, or it cannot be read.
+fn brief(folder: &RunFolder, sweep: &Planned) -> Option<Brief> {
     let text = fs::read(folder.sweep(&sweep.id).join(NAME)).ok()?;
-    let Brief { key, outputs } = serde_json::from_slice(&text).ok()?;
+    let brief: Brief = serde_json::from_slice(&text).ok()?;
     // A damaged account must not lead out of the folder.
     let is_inside = |output: &Output| Path::new(&output.path).components().all(|c| matches!(c, Component::Normal(_)));
-    (key == sweep.key && !outputs.is_empty() && outputs.iter().all(is_inside)).then_some(outputs)
+    let has_files = !brief.outputs.is_empty() && brief.outputs.iter().all(is_inside);
+    (brief.key == sweep.key && has_files).then_some(brief)
 }
 
 /// Whether a sweep is done: its account has the key, and its files have their lengths.
 pub(crate) fn is_done(folder: &RunFolder, sweep: &Planned) -> bool {
+    time_s(folder, sweep).is_some()
+}
+
+/// Returns the time that a sweep took, s; `None` if it is not done.
+pub(super) fn time_s(folder: &RunFolder, sweep: &Planned) -> Option<f64> {
     let place = folder.sweep(&sweep.id);
     let has_length =
         |output: &Output| place.join(&output.path).metadata().is_ok_and(|there| there.len() == output.bytes);
-    outputs(folder, sweep).is_some_and(|outputs| outputs.iter().all(has_length))
+    brief(folder, sweep).filter(|brief| brief.outputs.iter().all(has_length)).map(|brief| brief.wall_s)
 }
 
 /// Compares a sweep's files with the hashes of its account; returns the problem of the first that
@@ -88,7 +94,7 @@ pub(crate) fn is_done(folder: &RunFolder, sweep: &Planned) -> bool {
 /// A sentence on the damage.
 pub(crate) fn verify(folder: &RunFolder, sweep: &Planned) -> Result<Option<usize>, String> {
     let place = folder.sweep(&sweep.id);
-    let Some(outputs) = outputs(folder, sweep) else {
+    let Some(Brief { outputs, .. }) = brief(folder, sweep) else {
         let account = place.join(NAME);
         let is_other = fs::read(&account).is_ok_and(|text| serde_json::from_slice::<Brief>(&text).is_ok());
         return match account.exists() && !is_other {
@@ -119,7 +125,7 @@ pub(crate) fn verify(folder: &RunFolder, sweep: &Planned) -> Result<Option<usize
 pub(crate) fn forget(folder: &RunFolder, sweep: &Planned) -> Result<(), Failure> {
     let place = folder.sweep(&sweep.id);
     // The account first: without it, the files count for nothing.
-    for path in [place.join(NAME), place.join(super::key::short(&sweep.key))] {
+    for path in [place.join(NAME), place.join(sha256::short(&sweep.key))] {
         super::owner::remove(&path).map_err(|e| Failure::io(&path, "removing", &e))?;
     }
     Ok(())

@@ -7,14 +7,11 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::app::input;
+use crate::app::{input, sha256};
 use crate::failure::Failure;
 
 /// Version of the layout of results; another one gives other keys.
 const LAYOUT: &str = "sonoweave-batch 1";
-
-/// Characters of a key in the name of its folder.
-const SHORT: usize = 12;
 
 /// A file that a sweep follows from.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,12 +81,7 @@ pub(crate) fn content_key(inputs: &[Input], settings: &[String], outputs: &[Stri
         enter(&input::name_of(&input.path));
         enter(&input.sha256);
     }
-    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// Returns the beginning of a key, which names the folder of its files.
-pub(crate) fn short(key: &str) -> &str {
-    key.get(..SHORT).unwrap_or(key)
+    sha256::text(hasher)
 }
 
 #[cfg(test)]
@@ -116,7 +108,7 @@ mod tests {
         ];
         let all: std::collections::BTreeSet<&String> = others.iter().chain([&first]).collect();
         assert_eq!(all.len(), 8);
-        assert_eq!((first.len(), short(&first).len()), (64, 12));
+        assert_eq!(first.len(), 64);
     }
 
     #[test]

@@ -7,7 +7,8 @@ use std::path::Path;
 use formats::whole::sync_folder;
 
 use super::done::{Output, files};
-use super::{key, owner};
+use super::owner;
+use crate::app::sha256;
 use crate::failure::Failure;
 
 /// Gives a finished folder its name, the beginning of the key, and returns its files. If another
@@ -16,7 +17,7 @@ use crate::failure::Failure;
 /// # Errors
 /// [`Failure`] of the file system; nothing has the name then, or what had it before.
 pub(crate) fn publish(part: &Path, sweep_folder: &Path, content_key: &str) -> Result<Vec<Output>, Failure> {
-    let name = key::short(content_key);
+    let name = sha256::short(content_key);
     let target = sweep_folder.join(name);
     let failed = |e: io::Error| Failure::io(&target, "giving the results their name", &e);
     let outputs = files(part, name)?;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::attempt::{self, Attempt};
-use super::done::is_done;
+use super::done;
 use super::folder::RunFolder;
 use super::plan::{self, Planned};
 use super::select::Selection;
@@ -42,6 +42,12 @@ pub(crate) struct Status {
     pub(crate) failed: usize,
     pub(crate) running: usize,
     pub(crate) waiting: usize,
+    /// Time of the tries that made those that are done, s.
+    pub(crate) done_s: f64,
+    /// Time of all tries of those that have failed, s.
+    pub(crate) failed_s: f64,
+    /// Time of all tries of those that run, s.
+    pub(crate) running_s: f64,
     /// Sweeps that are not done and have been tried.
     pub(crate) unfinished: Vec<Unfinished>,
 }
@@ -61,8 +67,9 @@ pub(crate) fn status(folder: &RunFolder, selection: &Selection) -> Result<Status
 pub(super) fn status_of(folder: &RunFolder, sweeps: &[&Planned]) -> Result<Status, Failure> {
     let mut status = Status { sweeps: sweeps.len(), ..Status::default() };
     for sweep in sweeps {
-        if is_done(folder, sweep) {
+        if let Some(seconds) = done::time_s(folder, sweep) {
             status.done += 1;
+            status.done_s += seconds;
             continue;
         }
         let attempts = attempt::of(folder, &sweep.id, &sweep.key)?;
@@ -73,10 +80,13 @@ pub(super) fn status_of(folder: &RunFolder, sweeps: &[&Planned]) -> Result<Statu
             (false, Some(_)) => SweepState::Failed,
             (false, None) => SweepState::Waiting,
         };
+        let seconds: f64 = attempts.iter().map(Attempt::time_s).sum();
         match state {
-            SweepState::Running => status.running += 1,
-            SweepState::Failed => status.failed += 1,
-            _ => status.waiting += 1,
+            SweepState::Running => {
+                (status.running, status.running_s) = (status.running + 1, status.running_s + seconds)
+            }
+            SweepState::Failed => (status.failed, status.failed_s) = (status.failed + 1, status.failed_s + seconds),
+            SweepState::Waiting => status.waiting += 1,
         }
         if state != SweepState::Waiting {
             let exit = last.and_then(|attempt| attempt.exit);
@@ -94,16 +104,64 @@ pub(super) fn status_of(folder: &RunFolder, sweeps: &[&Planned]) -> Result<Statu
     Ok(status)
 }
 
-/// Returns the state as metrics, for the text file collector of Prometheus's node exporter.
-pub(crate) fn metrics(status: &Status) -> String {
-    let mut text = String::from(
-        "# HELP sonoweave_batch_sweeps Sweeps of a batch, by their state.\n# TYPE sonoweave_batch_sweeps gauge\n",
-    );
-    let states =
-        [("done", status.done), ("failed", status.failed), ("running", status.running), ("waiting", status.waiting)];
-    for (state, count) in states {
+/// Returns the state as metrics, for the text file collector of Prometheus's node exporter. `batch`
+/// is a label that distinguishes them from those of other batches.
+pub(crate) fn metrics(status: &Status, batch: &str) -> String {
+    let Status { done, failed, running, waiting, done_s, failed_s, running_s, .. } = *status;
+    let mut text = String::new();
+    let mut family = |name: &str, help: &str, label: &str, samples: &mut dyn Iterator<Item = (&str, f64)>| {
         // Writing to a string does not fail.
-        let _ = writeln!(text, "sonoweave_batch_sweeps{{state=\"{state}\"}} {count}");
-    }
+        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} gauge");
+        for (value, number) in samples {
+            let _ = writeln!(text, "{name}{{batch=\"{batch}\",{label}=\"{value}\"}} {number}");
+        }
+    };
+    let counts = [("done", done), ("failed", failed), ("running", running), ("waiting", waiting)];
+    let mut counts = counts.into_iter().map(|(state, count)| (state, count as f64));
+    family("sonoweave_batch_sweeps", "Sweeps of a batch, by their state.", "state", &mut counts);
+    let is_failed = |sweep: &&Unfinished| sweep.state == SweepState::Failed;
+    let of = |kind| status.unfinished.iter().filter(is_failed).filter(|sweep| sweep.kind == kind).count() as f64;
+    // An exit code of no kind is that of a signal.
+    let kinds = FailureKind::ALL.into_iter().map(|kind| (kind.name(), of(Some(kind))));
+    let mut reasons = kinds.chain([("signal", of(None))]);
+    family("sonoweave_batch_failed_sweeps", "Sweeps that have failed, by the last reason.", "reason", &mut reasons);
+    let mut seconds = [("done", done_s), ("failed", failed_s), ("running", running_s)].into_iter();
+    family("sonoweave_batch_tries_seconds", "Time that tries took, by the state of the sweep.", "state", &mut seconds);
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_count_failures_by_reason_and_running_ones_not() {
+        let sweep = |state, kind| Unfinished {
+            id: "doe-jane".into(),
+            state,
+            attempts: 1,
+            exit: Some(1),
+            kind,
+            peak_bytes: None,
+            sentence: Some("/data/doe-jane is damaged".into()),
+        };
+        let unfinished = vec![
+            sweep(SweepState::Failed, Some(FailureKind::Memory)),
+            sweep(SweepState::Failed, Some(FailureKind::Memory)),
+            sweep(SweepState::Failed, None),
+            sweep(SweepState::Running, Some(FailureKind::Memory)),
+        ];
+        let status = Status { done: 7, failed: 3, running: 1, running_s: 2.5, unfinished, ..Status::default() };
+        let text = metrics(&status, "night");
+        for line in [
+            "sonoweave_batch_sweeps{batch=\"night\",state=\"done\"} 7\n",
+            "sonoweave_batch_failed_sweeps{batch=\"night\",reason=\"memory\"} 2\n",
+            "sonoweave_batch_failed_sweeps{batch=\"night\",reason=\"signal\"} 1\n",
+            "sonoweave_batch_failed_sweeps{batch=\"night\",reason=\"input\"} 0\n",
+            "sonoweave_batch_tries_seconds{batch=\"night\",state=\"running\"} 2.5\n",
+        ] {
+            assert!(text.contains(line), "{line} in\n{text}");
+        }
+        assert!(!text.contains("doe"), "no id and no folder:\n{text}");
+    }
 }

@@ -14,6 +14,7 @@ use super::folder::RunFolder;
 use super::owner::{self, Owner};
 use super::plan::Planned;
 use super::publish::publish;
+use crate::app::sha256;
 use crate::failure::{Failure, Reason};
 
 /// Report of the reconstruction, in its temporary folder.
@@ -64,7 +65,7 @@ pub(crate) fn attempt(
     let began = Instant::now();
     let mut attempt = Attempt::begin(folder, &sweep.id, &sweep.key)?;
     let place = folder.sweep(&sweep.id);
-    let part = owner::temporary(&place, super::key::short(&sweep.key));
+    let part = owner::temporary(&place, sha256::short(&sweep.key));
     let worked = work(folder, sweep, machine, stop, (&part, &mut attempt), began);
     // Nothing is there any more if it has its name.
     let removed = owner::remove(&part).map_err(|e| Failure::io(&part, "removing", &e));

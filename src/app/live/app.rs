@@ -71,11 +71,11 @@ impl LiveApp<'_> {
         loop {
             let bedside = self.reload.bedside().clone();
             let Made { inputs, twins, input } = made;
-            self.publisher.begin_volume(&bedside)?;
+            let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
+            self.publisher.begin_session(&bedside, records.then_some(input.as_str()))?;
             let stages = self.stages(&bedside)?;
             // The volume is new; observers drop the slices of the previous session.
             stages.observers.iter().for_each(|observer| observer.cleared());
-            let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
             self.controller.runs(records, input);
             let controller = Arc::clone(&self.controller);
             let ended =

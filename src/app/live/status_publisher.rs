@@ -16,6 +16,7 @@ use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::date::Date;
 use statistics::IgtlNumbers;
 
+use super::identity;
 use crate::app::service::Service;
 use crate::failure::Failure;
 
@@ -27,6 +28,8 @@ const OFTEN: Duration = Duration::from_millis(200);
 /// The status publisher.
 pub(crate) struct StatusPublisher {
     kind: &'static str,
+    /// Hash that identifies the session; empty before the first.
+    session: String,
     service: Service,
     latest: Arc<Latest>,
     console: Option<Console>,
@@ -48,7 +51,7 @@ impl StatusPublisher {
         kind: &'static str,
         controller: &Arc<SessionController>,
     ) -> Result<Self, Failure> {
-        let latest = Arc::new(Latest::new(basis(bedside, kind)));
+        let latest = Arc::new(Latest::new(basis(bedside, kind, "")));
         let broadcaster = listen.as_ref().map(|_| Arc::new(FrameBroadcaster::default()));
         let slices = Arc::new(Slices::default());
         let console = match (&listen, &broadcaster) {
@@ -64,24 +67,39 @@ impl StatusPublisher {
             _ => None,
         };
         let service = Service::new();
-        let mut publisher =
-            Self { kind, service, latest, console, broadcaster, slices, guidance: None, published: None };
+        let mut publisher = Self {
+            kind,
+            session: String::new(),
+            service,
+            latest,
+            console,
+            broadcaster,
+            slices,
+            guidance: None,
+            published: None,
+        };
         publisher.begin_volume(bedside)?;
         Ok(publisher)
     }
 
-    /// Begins a volume with these settings.
+    /// Begins a session with these settings; `recording` is the name of its file, if it has one.
     ///
     /// # Errors
     /// [`Failure`] for an invalid kernel.
-    pub(crate) fn begin_volume(&mut self, bedside: &Bedside) -> Result<(), Failure> {
+    pub(crate) fn begin_session(&mut self, bedside: &Bedside, recording: Option<&str>) -> Result<(), Failure> {
+        self.session = identity::of_session(recording);
+        self.begin_volume(bedside)
+    }
+
+    /// Begins a volume with these settings.
+    fn begin_volume(&mut self, bedside: &Bedside) -> Result<(), Failure> {
         if let Some(broadcaster) = &self.broadcaster {
             let guidance = guidance(bedside)?;
             broadcaster.follow(&guidance);
             self.guidance = Some(guidance);
         }
         self.slices.restart(kernels(bedside).map(|[_, _, across]| across));
-        self.latest.adopt(basis(bedside, self.kind));
+        self.latest.adopt(basis(bedside, self.kind, &self.session));
         Ok(())
     }
 
@@ -112,7 +130,7 @@ impl StatusPublisher {
 
     /// Publishes the settings that are active now.
     pub(super) fn reloaded(&mut self, bedside: &Bedside) {
-        self.latest.adopt(basis(bedside, self.kind));
+        self.latest.adopt(basis(bedside, self.kind, &self.session));
         self.service.reloaded();
     }
 
@@ -148,8 +166,14 @@ impl StatusPublisher {
 }
 
 /// Returns the session's settings, as published.
-fn basis(bedside: &Bedside, kind: &'static str) -> Basis {
-    Basis { config: bedside.effective.clone(), uncertainty: uncertainty(bedside), about: about(bedside, kind) }
+fn basis(bedside: &Bedside, kind: &'static str, session: &str) -> Basis {
+    Basis {
+        config: bedside.effective.clone(),
+        uncertainty: uncertainty(bedside),
+        about: about(bedside, kind),
+        identity: identity::identity(bedside, session),
+        calibrated: bedside.calibration.record.origin.made,
+    }
 }
 
 /// Returns the slices' kernels, if the calibration gives the pixel size.

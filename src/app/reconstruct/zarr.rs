@@ -6,7 +6,6 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use export::volume::{DenseBox, Encoding, Scalar, written_weight};
 use mask::Mask;
@@ -18,6 +17,7 @@ use volume::Voxels;
 use volume::brick::{BrickBox, BrickIndex, EDGE, VOXELS};
 
 use crate::app::provenance::range;
+use crate::app::sha256;
 use crate::failure::Failure;
 
 /// End of the name of such a volume, in lower case.
@@ -90,7 +90,7 @@ impl<'a> Description<'a> {
             self.slices_sha256,
             data_sha256.unwrap_or_default()
         );
-        Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+        sha256::of(text)
     }
 
     /// Returns what is needed to write it. `fields` describe its origin.

@@ -91,7 +91,7 @@ impl Showing<'_> {
         let (mut bedside, mut is_tried) = self.begins();
         loop {
             let began = Instant::now();
-            self.publisher.begin_volume(&bedside)?;
+            self.publisher.begin_session(&bedside, Some(&name_of(self.request.session)))?;
             if let Some(viewers) = &self.viewers {
                 viewers.set_picture(&bedside.picture);
             }

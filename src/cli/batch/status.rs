@@ -1,6 +1,7 @@
 //! `sonoweave batch status`: reports what is done, what has failed and why.
 
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -21,7 +22,8 @@ pub(super) struct Arguments {
     folder: PathBuf,
     #[command(flatten)]
     selection: SelectionFlags,
-    /// Write the numbers of sweeps as metrics, for the text file collector of Prometheus
+    /// Write numbers and times as metrics for the text file collector of Prometheus; their label
+    /// `batch` is the file's name
     #[arg(long, value_name = "FILE.prom")]
     prometheus: Option<PathBuf>,
     #[command(flatten)]
@@ -35,22 +37,39 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { folder, selection, prometheus, json } = arguments;
     json.check([])?;
-    if let Some(path) = prometheus {
-        input::check_output(path)?;
-    }
+    let metrics_file = prometheus.as_ref().map(|path| Ok::<_, Failure>((path, batch_name(path)?))).transpose()?;
     let folder = RunFolder::open(folder)?;
     let status = status(&folder, &selection.selection())?;
     print(&status);
-    if let Some(path) = prometheus {
-        write_whole(path, |to| to.write_all(metrics(&status).as_bytes()))
+    if let Some((path, batch)) = metrics_file {
+        write_whole(path, |to| to.write_all(metrics(&status, batch).as_bytes()))
             .map_err(|e| Failure::io(path, "writing", &e))?;
     }
     json.write(&status)
 }
 
+/// Returns the name of a batch among others: that of its file of metrics, without the ending that
+/// the collector reads.
+///
+/// # Errors
+/// [`Failure`] for a name that the collector or a label does not take, or a missing folder.
+fn batch_name(path: &Path) -> Result<&str, Failure> {
+    let name = path.file_name().and_then(OsStr::to_str).and_then(|name| name.strip_suffix(".prom"));
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
+    let Some(name) = name.filter(|name| !name.is_empty() && name.chars().all(is_plain)) else {
+        fail_usage!(
+            "--prometheus {}: names the batch; give a file name of letters, digits, points, hyphens and underscores \
+             that ends in .prom",
+            path.display()
+        );
+    };
+    input::check_output(path)?;
+    Ok(name)
+}
+
 /// Prints the state of a batch: its numbers, and a line for each sweep that failed or runs.
 pub(super) fn print(status: &Status) {
-    let Status { sweeps, done, failed, running, waiting, unfinished } = status;
+    let Status { sweeps, done, failed, running, waiting, unfinished, .. } = status;
     print_line!("{done} of {sweeps} sweeps are done, {failed} have failed, {running} run, {waiting} wait");
     if unfinished.is_empty() {
         return;

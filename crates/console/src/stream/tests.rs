@@ -369,6 +369,7 @@ fn status_reports_rates_frame_outcomes_and_end() {
         unsynced_s: 0.5,
         unsynced_most_s: 0.75,
         slow_disk: false,
+        free_bytes: None,
         minutes_left: None,
         trouble: String::new(),
     });

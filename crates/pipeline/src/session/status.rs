@@ -76,6 +76,8 @@ pub struct SessionStatus {
     pub ledger: Ledger,
     /// The devices.
     pub devices: Vec<DeviceStatus>,
+    /// Time since a grabber's last frame, s; `None` before the first.
+    pub last_frame_s_ago: Option<f64>,
     /// Present insertion path of slices, `general` or `planar`; `None` before the first slice.
     pub path: Option<&'static str>,
     /// Reason for the path, as the end of a sentence.
@@ -152,6 +154,8 @@ pub struct Written {
     pub unsynced_most_s: f64,
     /// Whether that age has exceeded a second within the last 10 s.
     pub slow_disk: bool,
+    /// Bytes that it may still take on the disk; `None` after its end.
+    pub free_bytes: Option<u64>,
     /// Minutes until the disk is full, at the present rate.
     pub minutes_left: Option<f64>,
     /// Reason why nothing is written or synced now; empty otherwise.
@@ -243,6 +247,8 @@ impl StatusCollector {
         for (device, last) in status.devices.iter_mut().zip(last.iter()) {
             device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());
         }
+        let grabbers = self.rows.iter().zip(&status.devices).filter(|(row, _)| row.is_none());
+        status.last_frame_s_ago = grabbers.filter_map(|(_, device)| device.last_reading_s_ago).min_by(f64::total_cmp);
         status
     }
 
@@ -327,6 +333,7 @@ impl StatusCollector {
     /// Sets the status of the recording.
     pub(super) fn recording(&self, recording: &Recording) {
         let Recording { path, status, lost, ended, after_end, unsynced, room } = recording;
+        let room = room.filter(|_| ended.is_empty());
         let mut current = self.lock();
         current.memory.recorder_bytes = status.held_bytes;
         current.recording = Some(Written {
@@ -341,7 +348,8 @@ impl StatusCollector {
             unsynced_s: unsynced.now_ns as f64 * 1e-9,
             unsynced_most_s: unsynced.most_ns as f64 * 1e-9,
             slow_disk: unsynced.late_ns.is_some(),
-            minutes_left: room.filter(|_| ended.is_empty()).and_then(|room| room.minutes()),
+            free_bytes: room.map(|room| room.free_bytes),
+            minutes_left: room.and_then(|room| room.minutes()),
             trouble: if status.trouble.is_empty() { ended } else { &status.trouble }.clone(),
         });
     }
@@ -447,8 +455,13 @@ mod tests {
         assert_eq!(status.devices[0].last_reading_s_ago, None, "its health counts no reading");
         health.received.readings = 1;
         collector.health(0, &health);
-        let [tracker, grabber] = [0, 1].map(|at| collector.snapshot().devices[at].last_reading_s_ago);
-        assert!(tracker.is_some_and(|ago| ago >= 0.0) && grabber.is_none());
+        let last = || {
+            let status = collector.snapshot();
+            (status.devices[0].last_reading_s_ago, status.last_frame_s_ago)
+        };
+        assert!(last().0.is_some_and(|ago| ago >= 0.0) && last().1.is_none(), "a tracker has no frames");
+        collector.health(1, &health);
+        assert!(last().1.is_some_and(|ago| ago >= 0.0));
         let stuck_s = |since| {
             collector.stuck(since);
             collector.snapshot().stuck_s
