@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
-use sonoweave::library::{Inserted, Keywords, Ledger, Reconstruction};
+use sonoweave::library::{Inserted, Keyword, Keywords, Ledger, Reconstruction};
 
 use crate::process::InProcess;
 use crate::recording::PyRecording;
@@ -27,7 +27,7 @@ pub(crate) struct PyReconstruction(InProcess<Reconstruction>);
 impl PyReconstruction {
     /// Creates an empty volume.
     #[new]
-    fn new(py: Python<'_>, keywords: Vec<(String, String)>) -> PyResult<Self> {
+    fn new(py: Python<'_>, keywords: Vec<Keyword>) -> PyResult<Self> {
         let made = py.detach(|| Reconstruction::new(Keywords::new(keywords)?));
         Ok(Self(InProcess::new(made.map_err(|error| errors::raise(py, error))?)))
     }

@@ -11,14 +11,22 @@ import numpy.typing as npt
 
 from .errors import InputError
 
-Keyword = tuple[str, str]
+Keyword = tuple[str, str | None]
 
 _PIXELS = ("uint8", "uint16", "float32")
 
 
 def keywords(values: Mapping[str, Any]) -> list[Keyword]:
-    """Return keywords in the notation of the command line, without those that are None."""
-    return [(name, _text(name, value)) for name, value in values.items() if value is not None]
+    """Return keywords in the notation of the command line.
+
+    Those that are None or False are left out; True is a flag that takes no value. A name that is a
+    word of Python ends in an underscore, such as ``from_``.
+    """
+    return [
+        (name.removesuffix("_"), None if value is True else _text(name, value))
+        for name, value in values.items()
+        if value is not None and value is not False
+    ]
 
 
 def _text(name: str, value: Any) -> str:

@@ -154,7 +154,11 @@ class Reconstructor:
         progress: Callable[[int, int], object] | Callable[..., Any] | None = None,
         refused: str = "count",
     ) -> dict[str, Any]:
-        """Insert a sequence: the same bits as the command makes of it.
+        """Insert a sequence or a session: the same bits as the command makes of it.
+
+        A session brings its own settings: of the reconstructor's, only ``threads``, ``memory`` and
+        ``simd`` may be given, unless something was inserted before. The sessions that it continues
+        are inserted before it, and frames are frozen, cleared or dropped as when it was live.
 
         Other threads of Python run meanwhile. An interrupt, or an exception in ``progress``, ends
         the run after the frames on their way, and is raised; the volume stays valid.
