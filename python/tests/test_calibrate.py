@@ -237,7 +237,9 @@ def test_latency_by_floor_is_commands(command, tmp_path) -> None:
 def test_tracker_noise_and_map_are_commands(command, tmp_path) -> None:
     random, times = np.random.default_rng(4), np.arange(600) / 60
     rest = [
-        posed(turned(random.normal(0, 5e-4, 3)), np.array([200, -40, 90]) + random.normal(0, 0.05, 3))
+        posed(
+            turned(random.normal(0, 5e-4, 3)), np.array([200, -40, 90]) + random.normal(0, 0.05, 3)
+        )
         for _ in times
     ]
     lying = tracked(tmp_path / "lying.mha", 100 + times, {"Probe": rest})
@@ -259,7 +261,9 @@ def test_tracker_noise_and_map_are_commands(command, tmp_path) -> None:
     same(room.report, command("tracker", f"--sequence={carried}", "--other=Reference", "--cell=40"))
     assert isinstance(room, TrackerMap) and room.cell == 40
     count = len(room.report["cells"])
-    assert room.corners.shape == (count, 3) and room.errors.shape == room.distorted.shape == (count,)
+    assert room.corners.shape == (count, 3) and room.errors.shape == room.distorted.shape == (
+        count,
+    )
     assert room.distorted.any() and (room.corners[room.distorted, 0] >= 320).all()
     assert (room.errors[room.distorted] > 1).all() and (room.errors[~room.distorted] <= 1).all()
 

@@ -23,13 +23,14 @@ def keywords(values: Mapping[str, Any]) -> list[Keyword]:
     word of Python ends in an underscore, such as ``from_``.
     """
     return [
-        (name.removesuffix("_"), None if value is True else _text(name, value))
+        (name.removesuffix("_"), None if value is True else text(name, value))
         for name, value in values.items()
         if value is not None and value is not False
     ]
 
 
-def _text(name: str, value: Any) -> str:
+def text(name: str, value: Any) -> str:
+    """Return a value in the notation of the command line."""
     if isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name}: must be a number or text, not {value!r}")
     if isinstance(value, (str, os.PathLike)):
@@ -47,7 +48,7 @@ def _text(name: str, value: Any) -> str:
             raise InputError(f"{name}: must have a step of 1, not {value!r}")
         return f"{value.start}..{value.stop}"
     if isinstance(value, (Iterable,)) and not isinstance(value, (bytes, Mapping)):
-        parts = [_text(name, part) for part in value]
+        parts = [text(name, part) for part in value]
         return ("," if name != "image_to_probe" else " ").join(parts)
     raise TypeError(
         f"{name}: must be a number, text or several numbers, not {type(value).__name__}"
