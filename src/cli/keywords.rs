@@ -41,3 +41,38 @@ pub(crate) fn parse<A: Args>(keywords: &[Keyword]) -> Result<A, Failure> {
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Args)]
+    struct Flags {
+        #[arg(long)]
+        most_mm: Option<f64>,
+        #[arg(long)]
+        check: bool,
+    }
+
+    fn parsed(keywords: &[(&str, Option<&str>)]) -> Result<(Option<f64>, bool), String> {
+        let keywords: Vec<Keyword> =
+            keywords.iter().map(|(name, value)| ((*name).into(), value.map(str::to_owned))).collect();
+        let parsed = parse::<Flags>(&keywords).map_err(|Failure(reason)| reason.sentence);
+        parsed.map(|Flags { most_mm, check }| (most_mm, check))
+    }
+
+    #[test]
+    fn keywords_are_flags_of_their_names() {
+        assert_eq!(parsed(&[]), Ok((None, false)));
+        assert_eq!(parsed(&[("most_mm", Some("-2.5")), ("check", None)]), Ok((Some(-2.5), true)));
+        for (keyword, says) in [
+            (("most_mm", None), "a value is required for '--most-mm"),
+            (("check", Some("true")), "unexpected value 'true' for '--check'"),
+            (("other", None), "unexpected argument '--other' found; check the keyword's name"),
+            (("x=1 --check", None), "is no keyword"),
+        ] {
+            let sentence = parsed(&[keyword]).unwrap_err();
+            assert!(sentence.contains(says) && !sentence.contains('\n'), "{sentence}");
+        }
+    }
+}

@@ -149,3 +149,40 @@ impl RecordedSession {
         Ok(image)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::path::PathBuf;
+    use std::sync::atomic::AtomicBool;
+
+    use crate::library::{Keywords, Reconstruction, Recording};
+
+    fn session(name: &str) -> Recording {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/recordings/sessions").join(name);
+        Recording::open(&path, Keywords::default()).unwrap()
+    }
+
+    #[test]
+    fn session_has_poses_and_volume_of_its_replay() {
+        for (name, frozen) in [("arm.mcap", 0), ("commands.mcap", 17), ("demo.mcap", 0)] {
+            let session = session(name);
+            let poses = session.poses().unwrap();
+            let mut reasons: BTreeMap<&str, u64> = BTreeMap::new();
+            poses.status.iter().for_each(|status| *reasons.entry(status).or_default() += 1);
+            assert_eq!((poses.status.len() as u64, reasons.remove("frozen").unwrap_or(0)), (session.count(), frozen));
+            let mut volume = Reconstruction::new(Keywords::default()).unwrap();
+            let ledger = volume.insert_all(&session, &AtomicBool::new(false), |_| ()).unwrap();
+            assert_eq!(
+                (reasons.remove("ok"), session.count()),
+                (Some(ledger.frames.used), ledger.frames.total),
+                "{name}"
+            );
+            assert_eq!(reasons.values().sum::<u64>() + frozen, ledger.refused_total(), "{name}");
+            let notes = volume.snapshot().unwrap().unwrap().notes();
+            assert!(!notes.iter().any(|note| note.contains("differs")), "{notes:?}");
+            let timed = poses.times_s.iter().filter(|time| time.is_finite()).count();
+            assert_eq!(timed as u64, ledger.frames.used, "{name}");
+        }
+    }
+}

@@ -138,10 +138,8 @@ class Reconstructor:
         """
         pixels = check.frames("frame", frame, 2)
         pose = check.poses("world_from_image", world_from_image, 2)
-        seconds = None if time is None else check.times("time", np.atleast_1d(np.asarray(time)), 1)
-        touched, refused, _ = self._native.insert(
-            pixels[np.newaxis], pose[np.newaxis], None if seconds is None else seconds[0]
-        )
+        seconds = check.time("time", time)
+        touched, refused, _ = self._native.insert(pixels[np.newaxis], pose[np.newaxis], seconds)
         if refused:
             item, reason, sentence = refused[-1]
             raise FrameRefused(sentence, reason, item)

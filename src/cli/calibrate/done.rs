@@ -105,3 +105,26 @@ fn of<A: Calibrate>(quantity: &str, mut keywords: Vec<Keyword>) -> Result<String
     let outlets = Outlets { advisor: &mut Silent, steps: &|_, _| Box::new(|_| ()), wants_report: true };
     Ok(parse::<A>(&keywords)?.calibrate(outlets)?.report)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::failure::Reason;
+
+    #[test]
+    fn session_is_recognised_and_live_is_refused() {
+        let session = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/recordings/sessions/arm.mcap");
+        let refused = |quantity: &str, name: &str, value: &str| {
+            let keywords = vec![(name.to_owned(), Some(value.to_owned()))];
+            let Failure(Reason { sentence, .. }) = by_keywords(quantity, keywords).unwrap_err();
+            sentence
+        };
+        for quantity in ["pivot", "tracker"] {
+            let said = refused(quantity, "sequence", session);
+            assert!(said.starts_with(session) && !said.contains("MetaImage"), "{said}");
+            assert_eq!(said, refused(quantity, "session", session));
+        }
+        assert!(refused("arm", "live", "bedside.toml").contains("`sonoweave calibrate arm --live`"));
+        assert!(refused("drawing", "output", "plate.pdf").contains("is no calibration"));
+    }
+}
