@@ -2,7 +2,7 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny book fresh-machine sync-cost render-parts python scale zarr-write
+	release-test deny book fresh-machine sync-cost render-parts python python-bench scale zarr-write
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -49,6 +49,11 @@ mutants: setup
 python: setup
 	@scripts/setup.sh python
 	scripts/python.sh
+
+# Times the Python package beside the command, with the wheel of `make python`, on a calm machine.
+python-bench: setup
+	@test -x out/python/newest/bin/python || { echo "make python-bench: run make python before" >&2; exit 1; }
+	out/python/newest/bin/python python/bench.py "$$(scripts/build.sh)"
 
 # Tests numerical stability with 10⁶ slices and days of stamps, the clocks with 10⁶ random cases, a
 # session that runs for long, and what takes long on the command line. STRESS=quick takes minutes.
@@ -250,16 +255,18 @@ deb-test:
 	@scripts/setup.sh package
 	scripts/deb-test.sh
 
-# Makes a release of the last commit in out/release: the package, a static program in a tarball,
-# lists of their crates, the version's changes and SHA256SUMS.
+# Makes a release of the last commit in out/release: the package, a static program in a tarball, the
+# Python wheel, lists of crates, the version's changes and SHA256SUMS.
 release:
 	@scripts/setup.sh release
+	@scripts/setup.sh python
 	scripts/release.sh
 
 # Tests, as root, that a release has the same bytes from another folder, and that its program runs
 # on a bare Debian 12, on another Debian and in an empty folder. It takes two builds.
 release-test:
 	@scripts/setup.sh release
+	@scripts/setup.sh python
 	scripts/release-test.sh
 
 # Compares the crates with deny.toml, and with the advisories of RustSec, by cargo-deny. It fails

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl
 # and Rust. A machine without a compiler is made in a folder, and the last commit is cloned into
-# it. All run there, once as root and once as an unprivileged user with sudo.
+# it. All run there, once as root and once as an unprivileged user with sudo. `python` builds the
+# wheel by the lines of docs/python.md instead, and runs a tutorial with it.
 #
-#   scripts/fresh-machine.sh [root|user]...     one of the two; both by default
+#   scripts/fresh-machine.sh [root|user|python]...     root and user by default
 #
 # Needs root (chroot, mounts), network as this machine has it, 4 GB of disk and half an hour. The
 # folder is target/fresh-machine, or the one that SONOWEAVE_FRESH_MACHINE names; it is removed at
@@ -22,7 +23,7 @@ fail() {
 who=("$@")
 [ ${#who[@]} -gt 0 ] || who=(root user)
 for name in "${who[@]}"; do
-    [ "$name" = root ] || [ "$name" = user ] || fail "$name: must be root or user"
+    case $name in root | user | python) ;; *) fail "$name: must be root, user or python" ;; esac
 done
 
 place=${SONOWEAVE_FRESH_MACHINE:-$PWD/target/fresh-machine}
@@ -45,11 +46,12 @@ tar -C "$toolchain" --exclude=./share/doc --exclude=./lib/rustlib/src -cf - . | 
 carried=(PATH=/opt/rust/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8)
 while IFS='=' read -r name value; do
     case $name in
-    http_proxy | https_proxy | no_proxy | HTTP_PROXY | HTTPS_PROXY | NO_PROXY | SSL_CERT_FILE | SSL_CERT_DIR | CARGO_HTTP_* | CARGO_NET_*)
+    http_proxy | https_proxy | no_proxy | HTTP_PROXY | HTTPS_PROXY | NO_PROXY | SSL_CERT_FILE | SSL_CERT_DIR | CARGO_HTTP_* | CARGO_NET_* | PIP_*)
         carried+=("$name=$value")
         ;;
     esac
 done < <(env)
+[ ! -f /etc/pip.conf ] || cp /etc/pip.conf "$place/base/etc/"
 cargo_config=${CARGO_HOME:-$HOME/.cargo}/config.toml
 
 say "the last commit, $(git rev-parse --short HEAD)"
@@ -72,12 +74,29 @@ run_as() {
     fi
     cp -a "$place/clone" "$root$home/sonoweave"
     [ ! -f "$cargo_config" ] || install -D -m 644 "$cargo_config" "$root$home/.cargo/config.toml"
-    [ "$name" = root ] || chroot "$root" chown -R maker: "$home"
-    for task in demo replay calibrate test; do
+    [ "$name" != user ] || chroot "$root" chown -R maker: "$home"
+    tasks=(demo replay calibrate test)
+    if [ "$name" = python ]; then
+        # The page asks for them.
+        chroot "$root" env DEBIAN_FRONTEND=noninteractive sh -c \
+            'apt-get update -qq && apt-get install -y -qq --no-install-recommends python3-venv gcc libc6-dev' \
+            >"$place/python.log" 2>&1 || fail "python3-venv could not be installed; the log is $place/python.log"
+        tasks=(python)
+    fi
+    for task in "${tasks[@]}"; do
         began=$SECONDS
         case $task in
         demo) set -- make --no-print-directory demo DURATION=12 ;;
         test) set -- make --no-print-directory test ;;
+        # The lines under "By hand", and the first tutorial with a sweep of this commit's program.
+        python) set -- sh -euc 'commands=$(awk "/^By hand/{ on = 1 } on && /^\`\`\`/{ n++; next } n == 1" docs/python.md)
+            printf "set -x\n%s\n" "$commands" | sh -eu
+            venv/bin/pip install --quiet matplotlib
+            cargo build --release --locked --bin sonoweave
+            target/release/sonoweave phantom -o ../sweep.igs.mha --trajectory freehand
+            cp python/tutorials/offline.py ..
+            (cd .. && sonoweave/venv/bin/python offline.py sweep.igs.mha)
+            test -s ../plot.png' ;;
         # The commands of a page's tutorial, with the program that `make demo` has built.
         *) set -- sh -euc 'mkdir "../$0"
             commands=$(awk "/^## /{ on = /Step by step/ } on && sub(/^[$] /, \"\")" "docs/$0.md")

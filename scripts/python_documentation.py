@@ -13,6 +13,7 @@ MODULES = (
     "sonoweave.live",
     "sonoweave.bridges",
     "sonoweave.plotting",
+    "sonoweave.zarr",
 )
 #: Rules that hold nowhere here: summaries may end without "See also" and examples, classes document
 #: their parameters once, and shapes are part of the types.

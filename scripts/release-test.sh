@@ -25,7 +25,7 @@ other=${SONOWEAVE_OTHER_DEBIAN:-trixie}
 place=${SONOWEAVE_RELEASE_TEST:-$PWD/target/release-test}
 mkdir -p "$place"
 place=$(cd "$place" && pwd)
-clean() { remove_machines "$place" "a clone" bookworm "$other" empty here; }
+clean() { remove_machines "$place" "a clone" bookworm "$other" empty here wheel; }
 trap clean EXIT
 trap 'exit 1' INT TERM
 clean
@@ -45,6 +45,11 @@ for word in "$PWD" "$HOME" "$place"; do
     ! grep -qaF -- "$word" "$program" || fail "the program contains the path $word"
 done
 say "no path of this machine in the program"
+python3 -m zipfile -e out/release/*.whl "$place/wheel"
+for word in "$PWD" "$HOME" "$place"; do
+    ! grep -rqaF -- "$word" "$place/wheel" || fail "the wheel contains the path $word"
+done
+say "no path of this machine in the wheel"
 ! readelf -ld "$program" | grep -E 'INTERP|NEEDED' || fail "the program needs a loader or a library"
 
 # Each command's result is compared by its bytes.

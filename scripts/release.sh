@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Makes a release of the last commit: the Debian package, a static program with its pages in a
-# tarball, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS. The files
-# contain no names of folders and no times of the build; scripts/release-test.sh compares two
-# releases. Needs the packages that `scripts/setup.sh release` installs.
+# tarball, the Python wheel, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS.
+# The files contain no names of folders and no times of the build; scripts/release-test.sh compares
+# two releases. Needs the packages that `scripts/setup.sh release` and `scripts/setup.sh python`
+# install, and maturin from Python's packages.
 #
 #   scripts/release.sh [FOLDER]     out/release by default; it is made anew
 #
@@ -76,11 +77,18 @@ chmod -R u=rwX,go=rX "$stage"
 tar --sort=name --format=gnu --mtime="@$SOURCE_DATE_EPOCH" --owner=0 --group=0 --numeric-owner \
     -C "$place" -cf - "$name" | gzip -9n >"$folder/$name.tar.gz"
 
+say "the Python wheel"
+wheel=$(realpath "$place")/wheel
+python3 -m venv "$wheel"
+"$wheel/bin/pip" --disable-pip-version-check install --quiet "$(grep '^maturin==' python/requirements.txt)"
+(cd python && "$wheel/bin/maturin" build --release --locked --target "$here" --interpreter python3 --out "$wheel" --quiet)
+mv "$wheel"/*.whl "$folder/"
+
 cp "$place/made/sbom.cdx.json" "$folder/$name.cdx.json"
 "${tools%/*}/sonoweave-packaging" "$place/made" "$here"
 cp "$place/made/sbom.cdx.json" "$folder/sonoweave-$version-$here.cdx.json"
 printf '%s\n' "$changes" | sed -e '/./,$!d' >"$folder/sonoweave-$version-changes.md"
 chmod 644 "$folder"/*.*
-(cd "$folder" && sha256sum -- *.deb *.tar.gz *.json *.md >SHA256SUMS && chmod 644 SHA256SUMS)
+(cd "$folder" && sha256sum -- *.deb *.tar.gz *.whl *.json *.md >SHA256SUMS && chmod 644 SHA256SUMS)
 say "in $folder:"
 find "$folder" -maxdepth 1 -type f -printf '%s %f\n' | sort -k 2

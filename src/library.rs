@@ -2,10 +2,10 @@
 //! settings and defaults as the command line's.
 //!
 //! - [`Keywords`]: the flags of `reconstruct`, by their names.
-//! - [`Recording`]: a tracked sequence, from a file or from memory.
+//! - [`Recording`]: a tracked sequence or session, from a file or from memory.
 //! - [`Reconstruction`]: a volume that grows by recordings and by single frames.
 //! - [`LibraryVolume`]: a volume in memory: the present state of a reconstruction, or a file's.
-//! - [`LibraryCalibration`]: a calibration file.
+//! - [`LibraryCalibration`]: a calibration file, and the commands that make one.
 //! - [`LibraryError`]: the reason why something failed, by kind.
 
 mod calibration;
@@ -13,14 +13,15 @@ mod error;
 mod keywords;
 mod reconstruction;
 mod recording;
+mod session;
 mod slices;
 mod volume;
 
 pub use calibration::LibraryCalibration;
 pub use error::LibraryError;
-pub use keywords::Keywords;
+pub use keywords::{Keyword, Keywords};
 pub use reconstruction::Reconstruction;
-pub use recording::{Picture, Recording};
+pub use recording::{Picture, Poses, Recording};
 pub use slices::MemorySlices;
 pub use volume::{LibraryVolume, VoxelBox};
 

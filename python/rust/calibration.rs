@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use sonoweave::library::LibraryCalibration;
+use sonoweave::library::{Keyword, LibraryCalibration};
 
 use crate::{arrays, errors};
 
@@ -23,10 +23,10 @@ impl PyCalibration {
         Ok(Self(read.map_err(|error| errors::raise(py, error))?))
     }
 
-    /// Calibrates a probe. Returns the report, as JSON.
+    /// Carries out a command of `calibrate`. Returns its report, as JSON.
     #[staticmethod]
-    fn of_probe(py: Python<'_>, keywords: Vec<(String, String)>) -> PyResult<String> {
-        py.detach(|| LibraryCalibration::of_probe(&keywords)).map_err(|error| errors::raise(py, error))
+    fn measure(py: Python<'_>, quantity: &str, keywords: Vec<Keyword>) -> PyResult<String> {
+        py.detach(|| LibraryCalibration::measure(quantity, keywords)).map_err(|error| errors::raise(py, error))
     }
 
     /// Names of the constant transforms: from, to.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
-use sonoweave::library::{Inserted, Keywords, Ledger, Reconstruction};
+use sonoweave::library::{Inserted, Keyword, Keywords, Ledger, Reconstruction};
 
 use crate::process::InProcess;
 use crate::recording::PyRecording;
@@ -27,7 +27,7 @@ pub(crate) struct PyReconstruction(InProcess<Reconstruction>);
 impl PyReconstruction {
     /// Creates an empty volume.
     #[new]
-    fn new(py: Python<'_>, keywords: Vec<(String, String)>) -> PyResult<Self> {
+    fn new(py: Python<'_>, keywords: Vec<Keyword>) -> PyResult<Self> {
         let made = py.detach(|| Reconstruction::new(Keywords::new(keywords)?));
         Ok(Self(InProcess::new(made.map_err(|error| errors::raise(py, error))?)))
     }
@@ -46,12 +46,12 @@ impl PyReconstruction {
             return Err(errors::input(py, "frame, world_from_image: must be one each".into()));
         };
         let inserted = self.0.with(py, |reconstruction| reconstruction.insert((size, pixel, pixels), &pose, time))?;
-        let Inserted { touched, refused, waiting } = inserted.map_err(|error| errors::raise(py, error))?;
+        let Inserted { mut touched, refused, waiting } = inserted.map_err(|error| errors::raise(py, error))?;
         let count = touched.len();
         // As the arrays' axes: z, y, x.
-        let touched = touched.into_iter().flat_map(|[x, y, z]| [z, y, x]).collect();
+        touched.iter_mut().for_each(|brick| brick.reverse());
         let refused = refused.into_iter().map(|refusal| (refusal.item, refusal.reason.name(), refusal.to_string()));
-        Ok((arrays::array(py, touched, [count, 3])?, refused.collect(), waiting))
+        Ok((arrays::array(py, touched.into_flattened(), [count, 3])?, refused.collect(), waiting))
     }
 
     /// Inserts a recording. `progress` is called with the numbers of frames done and of all; an

@@ -5,19 +5,22 @@ use std::path::PathBuf;
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 
-use sonoweave::library::{Keywords, PosedFrames, Recording};
+use sonoweave::library::{Keyword, Keywords, PosedFrames, Recording};
 
 use crate::{arrays, errors};
 
-/// A tracked sequence.
+/// Poses, times and status.
+type Poses<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>, Vec<&'static str>);
+
+/// A tracked sequence or session.
 #[pyclass(frozen, name = "Recording", module = "sonoweave._sonoweave")]
 pub(crate) struct PyRecording(pub(crate) Recording);
 
 #[pymethods]
 impl PyRecording {
-    /// Opens a sequence file.
+    /// Opens a sequence file or a session.
     #[new]
-    fn new(py: Python<'_>, path: PathBuf, keywords: Vec<(String, String)>) -> PyResult<Self> {
+    fn new(py: Python<'_>, path: PathBuf, keywords: Vec<Keyword>) -> PyResult<Self> {
         let opened = py.detach(|| Recording::open(&path, Keywords::new(keywords)?));
         Ok(Self(opened.map_err(|error| errors::raise(py, error))?))
     }
@@ -54,29 +57,17 @@ impl PyRecording {
         Ok(usize::try_from(self.0.count())?)
     }
 
-    /// Poses, (N, 4, 4).
-    fn poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let poses = self.0.poses();
-        let count = poses.len();
-        arrays::array(py, poses.into_iter().flatten().collect(), [count, 4, 4])
-    }
-
-    /// Times, s, (N,).
-    fn times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let times = self.0.times_s();
-        let count = times.len();
-        arrays::array(py, times, [count])
-    }
-
-    /// Status of each frame.
-    fn status(&self) -> Vec<&'static str> {
-        self.0.status()
+    /// Poses, (N, 4, 4), times, s, (N,), and the status of each frame.
+    fn poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
+        let poses = py.detach(|| self.0.poses()).map_err(|error| errors::raise(py, error))?;
+        let count = poses.status.len();
+        let world_from_image = arrays::array(py, poses.world_from_image.into_flattened(), [count, 4, 4])?;
+        Ok((world_from_image, arrays::array(py, poses.times_s, [count])?, poses.status))
     }
 
     /// Name of the poses' frame of reference, and the route to it.
-    fn world(&self) -> (String, String) {
-        let (world, route) = self.0.world();
-        (world.to_owned(), route)
+    fn world(&self) -> [String; 2] {
+        self.0.world()
     }
 
     /// Reads a frame, (height, width).

@@ -6,13 +6,10 @@ use std::path::PathBuf;
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use sonoweave::library::{Keywords, LibraryVolume, MemorySlices, VoxelBox};
+use sonoweave::library::{Keyword, Keywords, LibraryVolume, MemorySlices, VoxelBox};
 
 use crate::reconstruction::json;
 use crate::{arrays, errors};
-
-/// Values and weights, (z, y, x).
-type Arrays<'py> = (Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>);
 
 /// A volume.
 #[pyclass(frozen, name = "Volume", module = "sonoweave._sonoweave")]
@@ -23,12 +20,7 @@ impl PyVolume {
     /// Opens a file or an OME-Zarr folder.
     #[staticmethod]
     #[pyo3(signature = (path, weights, keywords))]
-    fn open(
-        py: Python<'_>,
-        path: PathBuf,
-        weights: Option<PathBuf>,
-        keywords: Vec<(String, String)>,
-    ) -> PyResult<Self> {
+    fn open(py: Python<'_>, path: PathBuf, weights: Option<PathBuf>, keywords: Vec<Keyword>) -> PyResult<Self> {
         let opened = py.detach(|| LibraryVolume::open(&path, weights.as_deref(), &Keywords::new(keywords)?));
         Ok(Self(opened.map_err(|error| errors::raise(py, error))?))
     }
@@ -119,8 +111,13 @@ impl PyVolume {
         py.detach(|| self.0.ledger()).map(|ledger| json(py, &ledger)).transpose()
     }
 
-    /// Reads values and weights of a box: first and end along z, y, x.
-    fn read<'py>(&self, py: Python<'py>, ranges: [[usize; 2]; 3]) -> PyResult<Arrays<'py>> {
+    /// Reads values, or weights, of a box: first and end along z, y, x.
+    fn read<'py>(
+        &self,
+        py: Python<'py>,
+        ranges: [[usize; 2]; 3],
+        weights: bool,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let shape = self.shape();
         if (0..3).any(|a| ranges[a][0] > ranges[a][1] || ranges[a][1] as u64 > shape[a]) {
             return Err(errors::input(
@@ -133,15 +130,16 @@ impl PyVolume {
         let [nx, ny, nz] = [0, 1, 2].map(|a| voxels[a].len());
         let read = py.detach(|| {
             let count: usize = voxels.iter().map(Range::len).product();
-            let (mut values, mut weights) = (vec![0.0; count], vec![0.0; count]);
-            self.0.read(&voxels, &mut values, &mut weights);
-            (values, weights)
+            let mut read = vec![0.0; count];
+            let (values, weights) = if weights { (None, Some(&mut *read)) } else { (Some(&mut *read), None) };
+            self.0.read(&voxels, values, weights);
+            read
         });
-        Ok((arrays::array(py, read.0, [nz, ny, nx])?, arrays::array(py, read.1, [nz, ny, nx])?))
+        arrays::array(py, read, [nz, ny, nx])
     }
 
     /// Renders a picture by the flags of `render`: red, green, blue, opacity, (height, width, 4).
-    fn picture<'py>(&self, py: Python<'py>, keywords: Vec<(String, String)>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+    fn picture<'py>(&self, py: Python<'py>, keywords: Vec<Keyword>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
         let drawn = py.detach(|| {
             let (size, pixels) = self.0.picture(&keywords)?;
             Ok((size, pixels.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect()))
@@ -156,7 +154,7 @@ impl PyVolume {
         &self,
         py: Python<'_>,
         path: PathBuf,
-        keywords: Vec<(String, String)>,
+        keywords: Vec<Keyword>,
         weights: Option<PathBuf>,
     ) -> PyResult<Option<String>> {
         let written = py.detach(|| self.0.write(&path, &Keywords::new(keywords)?, weights.as_deref()));

@@ -39,7 +39,9 @@ def test_xarray_volume_is_lazy_and_has_places(volume, monkeypatch) -> None:
     read = []
     real = type(volume)._read
     monkeypatch.setattr(
-        type(volume), "_read", lambda self, ranges: read.append(ranges) or real(self, ranges)
+        type(volume),
+        "_read",
+        lambda self, ranges, **which: read.append(ranges) or real(self, ranges, **which),
     )
     data = volume.to_xarray()
     assert not read and data["value"].dims == ("z", "y", "x")

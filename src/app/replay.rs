@@ -4,7 +4,7 @@
 pub(crate) mod follow;
 pub(crate) mod following;
 pub(crate) mod planes;
-mod reel;
+pub(crate) mod reel;
 pub(crate) mod series;
 pub(crate) mod session;
 pub(crate) mod showing;

@@ -2,6 +2,7 @@
 
 mod advice;
 pub mod arm;
+pub(crate) mod done;
 pub mod drawing;
 pub mod landmarks;
 pub mod latency;
@@ -12,6 +13,7 @@ pub mod tracker;
 use clap::{Args, Subcommand};
 
 use super::Failure;
+use done::by_flags;
 
 /// Flags of `calibrate`: the quantity to calibrate.
 #[derive(Debug, Args)]
@@ -46,12 +48,12 @@ enum What {
 /// is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.what {
-        What::Probe(arguments) => probe::run(arguments),
-        What::Latency(arguments) => latency::run(arguments),
-        What::Pivot(arguments) => pivot::run(arguments),
-        What::Arm(arguments) => arm::run(arguments),
-        What::Landmarks(arguments) => landmarks::run(arguments),
+        What::Probe(arguments) => by_flags(&**arguments),
+        What::Latency(arguments) => by_flags(&**arguments),
+        What::Pivot(arguments) => by_flags(&**arguments),
+        What::Arm(arguments) => by_flags(&**arguments),
+        What::Landmarks(arguments) => by_flags(&**arguments),
         What::Drawing(arguments) => drawing::run(arguments),
-        What::Tracker(arguments) => tracker::run(arguments),
+        What::Tracker(arguments) => by_flags(&**arguments),
     }
 }

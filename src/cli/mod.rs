@@ -17,6 +17,7 @@ mod help;
 mod igtl;
 pub mod init;
 pub mod inspect;
+pub(crate) mod keywords;
 pub mod live;
 mod log;
 pub mod man;

@@ -3,7 +3,6 @@
 mod beside;
 pub(super) mod filling;
 pub(crate) mod flags;
-pub(crate) mod keywords;
 pub(super) mod one;
 mod several;
 mod weighing;

@@ -6,8 +6,8 @@ use calibration::file::CalibrationFile;
 use config::{Kind, MAX_BYTES, Settings, kind_of};
 use sonoweave_core::keys::read_text;
 
-use super::LibraryError;
-use crate::cli::calibrate::probe::keywords::calibrate;
+use super::{Keyword, LibraryError};
+use crate::cli::calibrate::done::by_keywords;
 
 /// A calibration file of ours, or a PLUS configuration.
 #[derive(Debug, Clone)]
@@ -27,15 +27,20 @@ pub struct LibraryCalibration {
 }
 
 impl LibraryCalibration {
-    /// Calibrates a probe by a phantom's wires, by the flags of `calibrate probe` as keywords, and
-    /// writes the requested files. Returns the command's report, as JSON.
+    /// Carries out a command of `calibrate`, such as `probe`, by its flags as keywords, and writes
+    /// the requested files. A session may be given as the sequence. Returns the command's report,
+    /// as JSON.
     ///
     /// # Errors
-    /// [`LibraryError`] when a keyword does not fit, or the recording does not determine the image
-    /// plane; nothing is written then.
-    pub fn of_probe(keywords: &[(String, String)]) -> Result<String, LibraryError> {
-        let path = keywords.iter().find(|(name, _)| name == "sequence").map_or("", |(_, value)| value);
-        calibrate(keywords).map_err(|failure| LibraryError::of_failure(Path::new(path), failure))
+    /// [`LibraryError`] when a keyword does not fit, or the recording does not determine the
+    /// result; nothing is written then.
+    pub fn measure(quantity: &str, keywords: Vec<Keyword>) -> Result<String, LibraryError> {
+        // A sentence on a file begins with it.
+        let paths: Vec<String> = keywords.iter().filter_map(|(_, value)| value.clone()).collect();
+        by_keywords(quantity, keywords).map_err(|failure| {
+            let named = paths.iter().find(|path| failure.0.sentence.starts_with(&format!("{path}: ")));
+            LibraryError::of_failure(Path::new(named.map_or("", String::as_str)), failure)
+        })
     }
 
     /// Reads a file; `preset` chooses one of its presets.

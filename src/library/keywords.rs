@@ -1,7 +1,8 @@
 //! The flags of `reconstruct` as keywords.
 
+pub use crate::cli::keywords::Keyword;
+use crate::cli::keywords::parse;
 use crate::cli::reconstruct::flags::Flags;
-use crate::cli::reconstruct::keywords::parse;
 use crate::failure::Failure;
 
 use super::LibraryError;
@@ -9,15 +10,15 @@ use super::LibraryError;
 /// Flags of `reconstruct` by name, with `_` for `-`, each with its value in the command line's
 /// notation. A flag that is not given has the command line's default.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Keywords(Vec<(String, String)>);
+pub struct Keywords(Vec<Keyword>);
 
 impl Keywords {
     /// Creates them.
     ///
     /// # Errors
     /// [`LibraryError::Input`] if a name or a value does not fit.
-    pub fn new(given: Vec<(String, String)>) -> Result<Self, LibraryError> {
-        parse(&given)?;
+    pub fn new(given: Vec<Keyword>) -> Result<Self, LibraryError> {
+        parse::<Flags>(&given)?;
         Ok(Self(given))
     }
 
@@ -29,7 +30,17 @@ impl Keywords {
 
     /// Whether a flag is given.
     pub(super) fn has(&self, name: &str) -> bool {
-        self.0.iter().any(|(given, _)| given == name)
+        self.names().any(|given| given == name)
+    }
+
+    /// Returns the names of the flags.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// Returns a flag's value.
+    pub(super) fn value(&self, name: &str) -> Option<&str> {
+        self.0.iter().find(|(given, _)| given == name)?.1.as_deref()
     }
 
     /// Returns the flags.

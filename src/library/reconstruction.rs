@@ -1,19 +1,19 @@
 //! A volume that grows by recordings and by single frames.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use pipeline::session::{GrowingVolume, Inserted};
+use pipeline::PipelineError;
+use pipeline::session::{GrowingVolume, Inserted, Source};
 use sonoweave_core::ledger::Ledger;
 use sonoweave_core::reading::PixelType;
 
+use super::recording::{FRAMES, Run};
+use super::session::Opened;
 use super::{Keywords, LibraryError, LibraryVolume, Recording};
 use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::sweep::Sweep;
-
-/// Name of frames in provenance, if they are not those of one file.
-const FRAMES: &str = "frames in memory";
 
 /// A reconstruction by the command line's settings.
 pub struct Reconstruction {
@@ -76,20 +76,36 @@ impl Reconstruction {
         ends: &AtomicBool,
         mut watch: impl FnMut(&Ledger),
     ) -> Result<Ledger, LibraryError> {
-        let (sweep, sequence) = recording.sweep(&self.keywords)?;
         let failed = |error| LibraryError::of_run(&recording.path, error);
-        let mut before = self.growing.take();
-        let (mut volume, kept) = match before.take() {
-            Some(growing) => (growing.volume, Some((growing.sweep, growing.own))),
-            None => (GrowingVolume::of_sequence(&sweep.session, &sequence).map_err(failed)?, None),
+        // The first recording makes the volume.
+        let is_first = self.growing.is_none();
+        let (sweep, source, made) = match recording.run(&self.keywords, is_first)? {
+            Run::Sequence(sweep, sequence) => {
+                let made = is_first.then(|| GrowingVolume::of_sequence(&sweep.session, &sequence));
+                (sweep, Source::Sequence(sequence), made)
+            }
+            Run::Session(Opened { sweep, recorded, resumed }) => {
+                let made = is_first.then(|| GrowingVolume::of_recording(&sweep.session, &recorded, resumed, ends));
+                (sweep, Source::Recording(recorded), made)
+            }
         };
-        let is_first = kept.is_none();
-        let ran = volume.extend(&sweep.session, sequence, ends, |status| watch(&status.ledger));
-        let origin = match is_first && recording.is_file() {
-            true => Origin::File(recording.path.clone()),
-            false => Origin::Frames(PathBuf::from(FRAMES)),
+        let (mut volume, kept) = match (made.transpose().map_err(failed)?, self.growing.take()) {
+            (Some(volume), _) => (volume, None),
+            (None, Some(growing)) => (growing.volume, Some((growing.sweep, growing.own))),
+            (None, None) => unreachable!("the first recording makes the volume"),
         };
-        let (sweep, own) = kept.unwrap_or_else(|| (sweep, recording.keywords().clone()));
+        let ran = volume.extend(&sweep.session, source, ends, |status| watch(&status.ledger));
+        let ran = ran.and_then(|(ledger, differences)| {
+            if let Some(first) = differences.first.filter(|_| is_first && recording.is_unchanged()) {
+                volume.note(format!("{}: differs from the live session; first, {first}", recording.path.display()));
+            }
+            if ledger.frames.used == 0 {
+                return Err(PipelineError::NothingUsed(Box::new(ledger)));
+            }
+            Ok(ledger)
+        });
+        let origin = if is_first { recording.origin() } else { Origin::Frames(FRAMES.into()) };
+        let (sweep, own) = kept.unwrap_or_else(|| (sweep, recording.keywords()));
         self.growing = Some(Growing { volume, sweep, own, origin });
         ran.map_err(failed)
     }

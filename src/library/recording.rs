@@ -1,28 +1,55 @@
-//! A tracked sequence.
+//! A tracked sequence, or a session.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use drivers::replay::Progress;
 use pipeline::session::{PosedFrames, Sequence, SequenceInput};
+use sonoweave_core::frames::{self, Transform, World};
 use sonoweave_core::slice::{Image, Pixels};
 use sonoweave_core::{NO_DEADLINE, Next};
 use sync::ingest::{Ingest, Sample};
 use sync::{PairingOptions, Survey};
 
+use super::session::{Opened, RecordedSession};
 use super::{Keywords, LibraryError};
 use crate::app::input;
+use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::sweep::Sweep;
 
-/// A tracked sequence whose poses are known; frames are read when they are needed.
-#[derive(Debug, Clone)]
+/// Name of frames in provenance, if they are not those of one file.
+pub(super) const FRAMES: &str = "frames in memory";
+
+/// A tracked sequence, or a recorded session; frames are read when they are needed.
 pub struct Recording {
     keywords: Keywords,
     pub(super) path: PathBuf,
-    pub(super) input: SequenceInput,
-    pub(super) first: u64,
-    count: u64,
-    survey: Arc<Survey>,
+    content: Content,
+}
+
+#[allow(clippy::large_enum_variant, reason = "few, and never moved")]
+enum Content {
+    /// Frames beside their poses.
+    Sequence { input: SequenceInput, first: u64, count: u64, survey: Survey },
+    /// Frames whose poses follow from readings around them.
+    Session(RecordedSession),
+}
+
+/// A recording, opened for one run, with the settings of its reconstruction.
+pub(super) enum Run {
+    Sequence(Sweep, Sequence),
+    Session(Opened),
+}
+
+/// Poses of all frames.
+#[derive(Debug, Clone)]
+pub struct Poses {
+    /// Pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for frames without one.
+    pub world_from_image: Vec<[f64; 16]>,
+    /// Time of each frame, s; NaN for frames without a pose. A session's are of its host's clock.
+    pub times_s: Vec<f64>,
+    /// For each frame `ok`, or the reason why it has no pose.
+    pub status: Vec<&'static str>,
 }
 
 /// A frame in MF orientation.
@@ -41,18 +68,17 @@ impl From<Image> for Picture {
 }
 
 impl Recording {
-    /// Opens a sequence file, of which only the header is read. Keywords are those of calibration
-    /// and choice: `config`, `preset`, `image_to_probe`, `world`, `frames`.
+    /// Opens a sequence file, of which only the header is read, or a session (.mcap). Keywords of a
+    /// sequence are those of calibration and choice: `config`, `preset`, `image_to_probe`, `world`,
+    /// `frames`. A session has `config` alone, another session configuration.
     ///
     /// # Errors
     /// [`LibraryError`] when it cannot be read, or has no route to the world.
     pub fn open(path: &Path, keywords: Keywords) -> Result<Self, LibraryError> {
         let failed = |failure| LibraryError::of_failure(path, failure);
         if input::is_session(path).map_err(failed)? {
-            return Err(LibraryError::Input(format!(
-                "{}: is a session; `sonoweave replay` reconstructs it, and `sonoweave convert` makes a sequence of it",
-                path.display()
-            )));
+            let content = Content::Session(RecordedSession::open(path, &keywords)?);
+            return Ok(Self { keywords, path: path.to_owned(), content });
         }
         let mut sweep = keywords.flags().and_then(|flags| flags.sweep(path)).map_err(failed)?;
         sweep.input.progress = Progress::default();
@@ -74,68 +100,69 @@ impl Recording {
         let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, &sweep.session.pairing);
         let sequence = sequence.map_err(|error| LibraryError::of_run(path, error))?;
         let (first, count) = (sweep.frames.start, sequence.count());
-        let survey = Arc::new(sequence.survey().clone());
-        Ok(Self { keywords, path: path.to_owned(), input, first, count, survey })
+        let content = Content::Sequence { input, first, count, survey: sequence.survey().clone() };
+        Ok(Self { keywords, path: path.to_owned(), content })
     }
 
     /// Returns the number of frames to use.
     pub fn count(&self) -> u64 {
-        self.count
+        match &self.content {
+            Content::Sequence { count, .. } => *count,
+            Content::Session(session) => session.count,
+        }
     }
 
     /// Returns the name of the frame of reference of the poses, and the route to it.
-    pub fn world(&self) -> (&str, String) {
-        (self.survey.route.world(), self.survey.route.describe())
+    pub fn world(&self) -> [String; 2] {
+        match &self.content {
+            Content::Sequence { survey, .. } => [survey.route.world().into(), survey.route.describe()],
+            Content::Session(session) => session.world.clone(),
+        }
     }
 
-    /// Returns the pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for
-    /// frames without a pose.
-    pub fn poses(&self) -> Vec<[f64; 16]> {
-        let mut poses = vec![[f64::NAN; 16]; self.count as usize];
-        for pose in &self.survey.poses {
-            if let Some(place) = self.place(pose.item) {
-                poses[place] = pose.world_from_image.to_rows();
+    /// Returns the frames' poses, times and status. Those of a session are paired at the first
+    /// call, for which the whole file is read.
+    ///
+    /// # Errors
+    /// [`LibraryError`] when the file cannot be read.
+    pub fn poses(&self) -> Result<Poses, LibraryError> {
+        let count = self.count() as usize;
+        let (world_from_image, times_s) = (vec![[f64::NAN; 16]; count], vec![f64::NAN; count]);
+        let mut poses = Poses { world_from_image, times_s, status: vec!["ok"; count] };
+        match &self.content {
+            Content::Sequence { first, survey, .. } => {
+                let place = |item: u64| usize::try_from(item.checked_sub(*first)?).ok().filter(|place| *place < count);
+                for pose in &survey.poses {
+                    place(pose.item).into_iter().for_each(|at| poses.set(at, pose.time_ns, &pose.world_from_image));
+                }
+                for refusal in &survey.refused {
+                    place(refusal.item).into_iter().for_each(|at| poses.status[at] = refusal.reason.name());
+                }
+            }
+            Content::Session(session) => {
+                for (at, frame) in session.paired()?.iter().enumerate() {
+                    match frame {
+                        Ok((time_ns, pose)) => poses.set(at, *time_ns, pose),
+                        Err(reason) => poses.status[at] = reason,
+                    }
+                }
             }
         }
-        poses
+        Ok(poses)
     }
 
-    /// Returns the time of each frame, s; NaN for frames without a pose.
-    pub fn times_s(&self) -> Vec<f64> {
-        let mut times = vec![f64::NAN; self.count as usize];
-        for pose in &self.survey.poses {
-            if let Some(place) = self.place(pose.item) {
-                times[place] = pose.time_ns as f64 / 1e9;
-            }
-        }
-        times
-    }
-
-    /// Returns for each frame `ok`, or the reason why it has no pose.
-    pub fn status(&self) -> Vec<&'static str> {
-        let mut status = vec!["ok"; self.count as usize];
-        for refusal in &self.survey.refused {
-            if let Some(place) = self.place(refusal.item) {
-                status[place] = refusal.reason.name();
-            }
-        }
-        status
-    }
-
-    fn place(&self, item: u64) -> Option<usize> {
-        let place = item.checked_sub(self.first).filter(|place| *place < self.count)?;
-        usize::try_from(place).ok()
-    }
-
-    /// Reads one frame, by its number among those to use. A compressed file is read from its
+    /// Reads one frame, by its number among those to use. A compressed sequence is read from its
     /// beginning.
     ///
     /// # Errors
     /// [`LibraryError`] when it cannot be read, or is no usable picture.
     pub fn picture(&self, number: u64) -> Result<Picture, LibraryError> {
         let at = |error| LibraryError::at(&self.path, error);
-        let item = self.first + number;
-        let mut device = self.input.open_only(Arc::new([item])).map_err(at)?;
+        let (input, item) = match &self.content {
+            Content::Sequence { input, first, .. } => (input, first + number),
+            Content::Session(session) => return Ok(session.picture(number as usize)?.into()),
+        };
+        let mut device = input.open_only(Arc::new([item])).map_err(at)?;
         device.start().map_err(at)?;
         let mut ingest = Ingest::new();
         loop {
@@ -150,37 +177,62 @@ impl Recording {
                     return Err(LibraryError::Input(format!(
                         "{}: has no frame {item}; give a number below {}",
                         self.path.display(),
-                        self.count
+                        self.count()
                     )));
                 }
             }
         }
     }
 
-    /// Returns the sweep by a reconstruction's keywords, and the sequence for one run.
-    pub(super) fn sweep(&self, keywords: &Keywords) -> Result<(Sweep, Sequence), LibraryError> {
+    /// Opens it for one run, by a reconstruction's keywords; `is_first` if they make the volume.
+    pub(super) fn run(&self, keywords: &Keywords, is_first: bool) -> Result<Run, LibraryError> {
+        let input = match &self.content {
+            Content::Sequence { input, .. } => input,
+            Content::Session(session) => {
+                let keywords = if is_first { keywords } else { &Keywords::default() };
+                return Ok(Run::Session(session.opened(keywords)?));
+            }
+        };
         let failed = |failure| LibraryError::of_failure(&self.path, failure);
         let mut sweep =
             keywords.or(&self.keywords).flags().and_then(|flags| flags.sweep(&self.path)).map_err(failed)?;
         let own = self.keywords.flags().and_then(|flags| flags.sweep(&self.path)).map_err(failed)?;
         sweep.frames = own.frames;
-        sweep.session.pairing = match self.input {
+        sweep.session.pairing = match input {
             SequenceInput::File(_) => own.session.pairing,
             SequenceInput::Frames(_) => PairingOptions::default(),
         };
-        let sequence =
-            Sequence::open(self.input.clone(), sweep.frames.clone(), sweep.off_plane, &sweep.session.pairing);
+        let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, &sweep.session.pairing);
         let sequence = sequence.map_err(|error| LibraryError::of_run(&self.path, error))?;
-        Ok((sweep, sequence))
+        Ok(Run::Sequence(sweep, sequence))
     }
 
-    /// Returns the keywords.
-    pub(super) fn keywords(&self) -> &Keywords {
-        &self.keywords
+    /// Returns the keywords that a volume's outputs need, too.
+    pub(super) fn keywords(&self) -> Keywords {
+        match &self.content {
+            Content::Sequence { .. } => self.keywords.clone(),
+            // Its configuration is no calibration file.
+            Content::Session(_) => Keywords::default(),
+        }
     }
 
-    /// Whether it is a file.
-    pub(super) fn is_file(&self) -> bool {
-        matches!(self.input, SequenceInput::File(_))
+    /// Returns its origin, if its frames are the only ones of a volume.
+    pub(super) fn origin(&self) -> Origin {
+        match &self.content {
+            Content::Sequence { input: SequenceInput::File(_), .. } => Origin::File(self.path.clone()),
+            Content::Sequence { input: SequenceInput::Frames(_), .. } => Origin::Frames(FRAMES.into()),
+            Content::Session(_) => Origin::Session(self.path.clone()),
+        }
+    }
+
+    /// Whether the replay of a session is to have the recorded results.
+    pub(super) fn is_unchanged(&self) -> bool {
+        matches!(&self.content, Content::Session(session) if session.is_unchanged())
+    }
+}
+
+impl Poses {
+    fn set(&mut self, at: usize, time_ns: i64, world_from_image: &Transform<World, frames::Image>) {
+        (self.times_s[at], self.world_from_image[at]) = (time_ns as f64 / 1e9, world_from_image.to_rows());
     }
 }

@@ -11,7 +11,7 @@ use pipeline::Outcome;
 use sonoweave_core::ledger::Ledger;
 use volume::{DenseVolume, Grid, Values};
 
-use super::{Keywords, LibraryError, MemorySlices};
+use super::{Keyword, Keywords, LibraryError, MemorySlices};
 use crate::app::convert::{write, zarr};
 use crate::app::input;
 use crate::app::provenance::Made;
@@ -94,12 +94,12 @@ impl LibraryVolume {
         &self.grid
     }
 
-    /// Returns values and weights of a box, x fastest; both 0 for unseen voxels. Threads share the
-    /// work.
+    /// Reads values, weights, or both of a box, x fastest; both 0 for unseen voxels. Threads share
+    /// the work.
     ///
     /// # Panics
     /// When the box exceeds the volume: the caller has checked it.
-    pub fn read(&self, voxels: &VoxelBox, values: &mut [f32], weights: &mut [f32]) {
+    pub fn read(&self, voxels: &VoxelBox, values: Option<&mut [f32]>, weights: Option<&mut [f32]>) {
         match &self.content {
             Content::Reconstruction { outcome, space, .. } => {
                 let outcome = lock(outcome);
@@ -153,7 +153,7 @@ impl LibraryVolume {
     ///
     /// # Errors
     /// [`LibraryError`] when a setting does not fit.
-    pub fn picture(&self, keywords: &[(String, String)]) -> Result<([u32; 2], Vec<u8>), LibraryError> {
+    pub fn picture(&self, keywords: &[Keyword]) -> Result<([u32; 2], Vec<u8>), LibraryError> {
         let Picture { look, window, threads } = parse(keywords)?;
         let image = image(self.dense()?, &look, window, threads)?;
         Ok(([image.width(), image.height()], image.into_raw()))
@@ -169,7 +169,7 @@ impl LibraryVolume {
                 let all: VoxelBox = self.grid.size.map(|n| 0..n as usize);
                 let voxels = all.iter().map(Range::len).product();
                 let (mut values, mut weights) = (vec![0.0; voxels], vec![0.0; voxels]);
-                self.read(&all, &mut values, &mut weights);
+                self.read(&all, Some(&mut values), Some(&mut weights));
                 let Grid { size, spacing, origin, direction } = self.grid;
                 let axes = [direction.x_axis, direction.y_axis, direction.z_axis].map(|axis| axis.to_array());
                 let size = size.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
@@ -217,7 +217,7 @@ impl LibraryVolume {
                 let all: VoxelBox = [nx, ny, nz].map(|n| 0..n as usize);
                 let voxels = all.iter().map(Range::len).product();
                 let (mut values, mut of_voxels) = (vec![0.0; voxels], vec![0.0; voxels]);
-                self.read(&all, &mut values, &mut of_voxels);
+                self.read(&all, Some(&mut values), Some(&mut of_voxels));
                 let header = dense.header();
                 let slices = |values| {
                     let place = (header.spacing, header.origin, header.axes);
@@ -248,7 +248,7 @@ impl LibraryVolume {
     /// Returns the recordings that it was made of; `None` for a file or frames in memory.
     pub fn recording(&self) -> Option<PathBuf> {
         match &self.content {
-            Content::Reconstruction { origin: Origin::File(path), .. } => Some(path.clone()),
+            Content::Reconstruction { origin: Origin::File(path) | Origin::Session(path), .. } => Some(path.clone()),
             _ => None,
         }
     }
@@ -263,8 +263,8 @@ fn read(
     volume: &(impl Values + ?Sized),
     index: impl Fn([i64; 3]) -> [i64; 3] + Sync,
     [xs, ys, zs]: &VoxelBox,
-    values: &mut [f32],
-    weights: &mut [f32],
+    values: Option<&mut [f32]>,
+    weights: Option<&mut [f32]>,
 ) {
     let (row, plane) = (xs.len(), xs.len() * ys.len());
     if plane == 0 || zs.is_empty() {
@@ -272,16 +272,21 @@ fn read(
     }
     let threads = input::threads(None).min(zs.len());
     let each = zs.len().div_ceil(threads);
-    let parts = values.chunks_mut(each * plane).zip(weights.chunks_mut(each * plane));
-    let of_part = |part: usize, values: &mut [f32], weights: &mut [f32]| {
-        let rows = values.chunks_exact_mut(row).zip(weights.chunks_exact_mut(row));
-        for (at, (values, weights)) in rows.enumerate() {
-            let (y, z) = (ys.start + at % ys.len(), zs.start + part * each + at / ys.len());
+    let of_part = |part: usize, mut values: Option<&mut [f32]>, mut weights: Option<&mut [f32]>| {
+        let planes = part * each..((part + 1) * each).min(zs.len());
+        let mut unwanted = [vec![0.0; row], vec![0.0; row]];
+        for at in 0..planes.len() * ys.len() {
+            let [other_values, other_weights] = &mut unwanted;
+            let of_row = at * row..(at + 1) * row;
+            let values = values.as_mut().map_or(&mut other_values[..], |values| &mut values[of_row.clone()]);
+            let weights = weights.as_mut().map_or(&mut other_weights[..], |weights| &mut weights[of_row]);
+            let (y, z) = (ys.start + at % ys.len(), zs.start + planes.start + at / ys.len());
             volume.values(index([xs.start as i64, y as i64, z as i64]), values, weights);
         }
     };
     std::thread::scope(|scope| {
-        let mut parts = parts.enumerate();
+        let parts = |voxels| parts(voxels, each * plane, threads);
+        let mut parts = parts(values).into_iter().zip(parts(weights)).enumerate();
         let first = parts.next();
         for (part, (values, weights)) in parts {
             let of_part = &of_part;
@@ -291,4 +296,12 @@ fn read(
             of_part(part, values, weights);
         }
     });
+}
+
+/// Divides voxels among at most so many threads.
+fn parts(voxels: Option<&mut [f32]>, each: usize, threads: usize) -> Vec<Option<&mut [f32]>> {
+    match voxels {
+        Some(voxels) => voxels.chunks_mut(each).map(Some).collect(),
+        None => (0..threads).map(|_| None).collect(),
+    }
 }

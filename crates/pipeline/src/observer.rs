@@ -65,6 +65,9 @@ pub trait Observer: Send + Sync {
     /// Receives a posed slice, in a world of that name, before its insertion.
     fn slice(&self, _world: &str, _item: u64, _slice: &Slice) {}
 
+    /// Receives the number of a frame that does not reach the volume, and the name of the reason.
+    fn lost(&self, _item: u64, _reason: &'static str) {}
+
     /// Receives a slice after its insertion, with the volume; the next one is not yet inserted.
     ///
     /// # Errors

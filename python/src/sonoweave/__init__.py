@@ -5,7 +5,22 @@ For research. Not a medical device. Not for diagnosis or treatment.
 
 from __future__ import annotations
 
-from ._calibrate import ProbeCalibration, calibrate_probe
+from ._calibrate import (
+    ArmCalibration,
+    ArmCheck,
+    LandmarkCalibration,
+    LatencyCalibration,
+    PivotCalibration,
+    ProbeCalibration,
+    TrackerMap,
+    TrackerNoise,
+    calibrate_arm,
+    calibrate_landmarks,
+    calibrate_latency,
+    calibrate_pivot,
+    calibrate_probe,
+    calibrate_tracker,
+)
 from ._calibration import Calibration
 from ._reconstructor import Reconstructor
 from ._render import render, section
@@ -15,18 +30,30 @@ from ._volume import Volume
 from .errors import CalibrationError, FrameRefused, InputError, MemoryLimit, SonoweaveError
 
 __all__ = [
+    "ArmCalibration",
+    "ArmCheck",
     "Calibration",
     "CalibrationError",
     "FrameRefused",
     "InputError",
+    "LandmarkCalibration",
+    "LatencyCalibration",
     "MemoryLimit",
+    "PivotCalibration",
     "ProbeCalibration",
     "Reconstructor",
     "Sequence",
     "SonoweaveError",
+    "TrackerMap",
+    "TrackerNoise",
     "Volume",
     "__version__",
+    "calibrate_arm",
+    "calibrate_landmarks",
+    "calibrate_latency",
+    "calibrate_pivot",
     "calibrate_probe",
+    "calibrate_tracker",
     "render",
     "section",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,17 +12,27 @@ import numpy.typing as npt
 
 from .errors import InputError
 
-Keyword = tuple[str, str]
+Keyword = tuple[str, str | None]
 
-_PIXELS = ("uint8", "uint16", "float32")
+#: Types of pixels, by the letters of NumPy.
+_PIXELS = {"B": "uint8", "H": "uint16", "f": "float32"}
 
 
 def keywords(values: Mapping[str, Any]) -> list[Keyword]:
-    """Return keywords in the notation of the command line, without those that are None."""
-    return [(name, _text(name, value)) for name, value in values.items() if value is not None]
+    """Return keywords in the notation of the command line.
+
+    Those that are None or False are left out; True is a flag that takes no value. A name that is a
+    word of Python ends in an underscore, such as ``from_``.
+    """
+    return [
+        (name.removesuffix("_"), None if value is True else text(name, value))
+        for name, value in values.items()
+        if value is not None and value is not False
+    ]
 
 
-def _text(name: str, value: Any) -> str:
+def text(name: str, value: Any) -> str:
+    """Return a value in the notation of the command line."""
     if isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name}: must be a number or text, not {value!r}")
     if isinstance(value, (str, os.PathLike)):
@@ -39,7 +50,7 @@ def _text(name: str, value: Any) -> str:
             raise InputError(f"{name}: must have a step of 1, not {value!r}")
         return f"{value.start}..{value.stop}"
     if isinstance(value, (Iterable,)) and not isinstance(value, (bytes, Mapping)):
-        parts = [_text(name, part) for part in value]
+        parts = [text(name, part) for part in value]
         return ("," if name != "image_to_probe" else " ").join(parts)
     raise TypeError(
         f"{name}: must be a number, text or several numbers, not {type(value).__name__}"
@@ -63,7 +74,7 @@ def memory_gib(value: float | str | None) -> float | None:
 
 def _array(name: str, value: Any) -> npt.NDArray[Any]:
     array = np.asarray(value)
-    if array.dtype.hasobject or array.dtype.kind not in "uif":
+    if array.dtype.kind not in "uif":
         raise TypeError(f"{name}: must be an array of numbers, not of {array.dtype}")
     return array
 
@@ -77,11 +88,11 @@ def frames(name: str, value: Any, dimensions: int) -> npt.NDArray[Any]:
     if array.ndim != dimensions or 0 in array.shape[-2:]:
         form = "(N, height, width)" if dimensions == 3 else "(height, width)"
         raise InputError(f"{name}: must have the shape {form}, not {array.shape}")
-    if array.dtype.newbyteorder("=") not in [np.dtype(pixel) for pixel in _PIXELS]:
-        raise TypeError(
-            f"{name}: must be of type {', '.join(_PIXELS)}, not {array.dtype}; use astype"
-        )
-    return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+    native = array.dtype if array.dtype.isnative else array.dtype.newbyteorder("=")
+    if native.char not in _PIXELS:
+        types = ", ".join(_PIXELS.values())
+        raise TypeError(f"{name}: must be of type {types}, not {array.dtype}; use astype")
+    return np.ascontiguousarray(array, dtype=native)
 
 
 def poses(name: str, value: Any, dimensions: int) -> npt.NDArray[np.float64]:
@@ -91,12 +102,25 @@ def poses(name: str, value: Any, dimensions: int) -> npt.NDArray[np.float64]:
         form = "(N, 4, 4)" if dimensions == 3 else "(4, 4)"
         raise InputError(f"{name}: must have the shape {form}, not {array.shape}")
     matrices = np.ascontiguousarray(array, dtype=np.float64)
+    if dimensions == 2:
+        # Sixteen numbers of Python cost less than four calls of NumPy.
+        rows = matrices.ravel().tolist()
+        if math.isfinite(sum(rows)) and rows[12:] == [0.0, 0.0, 0.0, 1.0]:
+            return matrices
     if not np.isfinite(matrices).all():
         at = np.argwhere(~np.isfinite(matrices))[0].tolist()
         raise InputError(f"{name}: must be finite, and is {matrices[tuple(at)]} at {at}")
     if not (matrices[..., 3, :] == (0.0, 0.0, 0.0, 1.0)).all():
         raise InputError(f"{name}: the last row must be 0 0 0 1; column vectors are transformed")
     return matrices
+
+
+def time(name: str, value: Any) -> float | None:
+    """Return a time as a finite number, or None."""
+    if type(value) is float and math.isfinite(value):
+        return value
+    seconds = None if value is None else times(name, np.atleast_1d(np.asarray(value)), 1)
+    return None if seconds is None else seconds[0]
 
 
 def times(name: str, value: Any, count: int) -> list[float] | None:

@@ -138,10 +138,8 @@ class Reconstructor:
         """
         pixels = check.frames("frame", frame, 2)
         pose = check.poses("world_from_image", world_from_image, 2)
-        seconds = None if time is None else check.times("time", np.atleast_1d(np.asarray(time)), 1)
-        touched, refused, _ = self._native.insert(
-            pixels[np.newaxis], pose[np.newaxis], None if seconds is None else seconds[0]
-        )
+        seconds = check.time("time", time)
+        touched, refused, _ = self._native.insert(pixels[np.newaxis], pose[np.newaxis], seconds)
         if refused:
             item, reason, sentence = refused[-1]
             raise FrameRefused(sentence, reason, item)
@@ -154,7 +152,11 @@ class Reconstructor:
         progress: Callable[[int, int], object] | Callable[..., Any] | None = None,
         refused: str = "count",
     ) -> dict[str, Any]:
-        """Insert a sequence: the same bits as the command makes of it.
+        """Insert a sequence or a session: the same bits as the command makes of it.
+
+        A session brings its own settings: of the reconstructor's, only ``threads``, ``memory`` and
+        ``simd`` may be given, unless something was inserted before. The sessions that it continues
+        are inserted before it, and frames are frozen, cleared or dropped as when it was live.
 
         Other threads of Python run meanwhile. An interrupt, or an exception in ``progress``, ends
         the run after the frames on their way, and is raised; the volume stays valid.

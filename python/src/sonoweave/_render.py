@@ -127,7 +127,7 @@ def section(
 def _size(size: tuple[int, int] | None) -> str | None:
     if size is None:
         return None
-    numbers = check.keywords({"size": size})[0][1].split(",")
+    numbers = check.text("size", size).split(",")
     if len(numbers) != 2:
         raise InputError(f"size: must be width and height, not {size!r}")
     return "x".join(numbers)

@@ -59,14 +59,20 @@ class Sequence:
         world: str | None = None,
         frames: slice | range | str | None = None,
     ) -> Sequence:
-        """Open a sequence file, of which only the header is read.
+        """Open a tracked sequence or a recorded session.
+
+        Of a sequence only the header is read. A session (.mcap) has settings of its own, with
+        which :meth:`Reconstructor.insert_all` gives the bits of ``sonoweave replay``; of the
+        options it takes ``config`` alone. Its frames are paired with poses, as in its replay, when
+        poses, times or status are asked for first.
 
         Parameters
         ----------
         path : path
-            Tracked sequence (.mha, .mhd, .nrrd, .nhdr).
+            Tracked sequence (.mha, .mhd, .nrrd, .nhdr) or session (.mcap).
         config : path, optional
-            Calibration: our TOML or a PLUS XML.
+            Calibration: our TOML or a PLUS XML. For a session: another session configuration
+            than the recorded one, our TOML.
         preset : str, optional
             Preset of the calibration file, for the scanner's depth during the recording.
         image_to_probe : array of float, shape (4, 4), optional
@@ -87,7 +93,8 @@ class Sequence:
         OSError
             The file cannot be read.
         InputError
-            The file is damaged, or a setting does not fit.
+            The file is damaged, or a setting does not fit. A session has no configuration, or no
+            frames.
         CalibrationError
             No transforms lead from the image to the world.
         """
@@ -196,17 +203,23 @@ class Sequence:
     @property
     def poses(self) -> npt.NDArray[np.float64]:
         """Pose of each frame, world mm from pixels, (N, 4, 4); NaN for frames without a pose."""
-        return self._native.poses()
+        return self._native.poses()[0]
 
     @property
     def times(self) -> npt.NDArray[np.float64]:
-        """Time of each frame, s, (N,); NaN for frames without a pose."""
-        return self._native.times()
+        """Time of each frame, s, (N,); NaN for frames without a pose.
+
+        Times of a session are those of its host's clock.
+        """
+        return self._native.poses()[1]
 
     @property
     def status(self) -> list[str]:
-        """For each frame ``ok``, or the name of the reason why it has no pose."""
-        return self._native.status()
+        """For each frame ``ok``, or the name of the reason why it has no pose.
+
+        The latter is ``dropped`` for a session's frames that were dropped when it was live.
+        """
+        return self._native.poses()[2]
 
     @property
     def world(self) -> str:

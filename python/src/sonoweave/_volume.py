@@ -136,7 +136,7 @@ class Volume:
         """Return what makes it again: path, or values, weights and grid."""
         if self._path is not None:
             return _open, self._path
-        values, weights = self._read(self._all())
+        values, weights = self.values(), self.weights()
         fields = self._native.fields
         return _make, (values, weights, self.spacing, self.origin, self.direction, fields)
 
@@ -201,7 +201,7 @@ class Volume:
         array of float32, shape (z, y, x)
             The values.
         """
-        return self._read(self._all())[0]
+        return self._read(self._all())
 
     def weights(self, box: tuple[slice, slice, slice] | None = None) -> Floats:
         """Return weights, (z, y, x); 0 for unseen voxels.
@@ -217,15 +217,15 @@ class Volume:
             The weights.
         """
         if box is None:
-            return self._read(self._all())[1]
+            return self._read(self._all(), weights=True)
         ranges, steps, drop = self._box(box)
-        weights: Floats = self._read(ranges)[1][steps][drop]
+        weights: Floats = self._read(ranges, weights=True)[steps][drop]
         return weights
 
     def __getitem__(self, key: Any) -> Floats:
         """Return the values of a box along z, y, x; integers drop an axis."""
         ranges, steps, drop = self._box(key)
-        values: Floats = self._read(ranges)[0][steps][drop]
+        values: Floats = self._read(ranges)[steps][drop]
         return values
 
     def __array__(
@@ -322,8 +322,8 @@ class Volume:
     def _all(self) -> list[list[int]]:
         return [[0, n] for n in self.shape]
 
-    def _read(self, ranges: list[list[int]]) -> tuple[Floats, Floats]:
-        return self._native.read(ranges)
+    def _read(self, ranges: list[list[int]], *, weights: bool = False) -> Floats:
+        return self._native.read(ranges, weights)
 
     def _box(self, key: Any) -> tuple[list[list[int]], tuple[slice, ...], tuple[Any, ...]]:
         """Return the ranges to read, the steps within them, and the axes to drop."""

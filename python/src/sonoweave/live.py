@@ -1,106 +1,37 @@
-"""A running session, over the routes of its console: pure Python, without the native module."""
+"""A running session, over the routes of its console: pure Python, without the native module.
+
+:func:`connect` gives the blocking form, and :func:`connect_async` the same for ``asyncio``.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+import asyncio
+import functools
 import json
 import ssl
-import struct
 import time
 import urllib.error
 import urllib.parse
 import urllib.request
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
-import numpy as np
-import numpy.typing as npt
+from ._stream import PAUSE, CommandRefused, Picture, Stream
+from .errors import InputError
 
-from .errors import InputError, SonoweaveError
-
-__all__ = ["CommandRefused", "Picture", "Session", "connect"]
+__all__ = [
+    "AsyncSession",
+    "CommandRefused",
+    "Picture",
+    "Session",
+    "connect",
+    "connect_async",
+]
 
 #: Names of the pictures: the scanner's frame, the volume, and planes through it.
 PICTURES = ("slice", "view", "free", "across-x", "across-y", "across-z")
-#: Encodings of pictures in the stream.
-_ENCODINGS = ("grey", "colour", "jpeg")
-#: Header of a picture in the stream.
-_HEADER = struct.Struct("<BBHIIIddQ")
-
-
-class CommandRefused(SonoweaveError):
-    """The session has refused a command; nothing has changed there.
-
-    Parameters
-    ----------
-    sentence : str
-        The reason, with advice.
-    code : int
-        Code of the answer: 409 if the command is impossible now, 422 if it is none.
-
-    Attributes
-    ----------
-    code : int
-        Code of the answer: 409 if the command is impossible now, 422 if it is none.
-    """
-
-    def __init__(self, sentence: str, code: int = 409) -> None:
-        super().__init__(sentence, code)
-        self.code = code
-
-    def __str__(self) -> str:
-        """Return the sentence."""
-        return str(self.args[0])
-
-
-@dataclasses.dataclass(frozen=True)
-class Picture:
-    """A picture of the stream.
-
-    Parameters
-    ----------
-    kind : int
-        Kind: 1 is the scanner's frame, 2 the volume, 3 to 6 are planes.
-    encoding : str
-        ``grey`` and ``colour`` are bytes of pixels; ``jpeg`` comes over slow connections.
-    size : tuple of int
-        Width and height, pixels.
-    sequence : int
-        Number of the picture among those of its kind.
-    captured : float
-        Time of the newest frame in it, ms of the session's clock.
-    frame : int
-        Number of that frame.
-    data : bytes
-        The encoded picture.
-    """
-
-    kind: int
-    encoding: str
-    size: tuple[int, int]
-    sequence: int
-    captured: float
-    frame: int
-    data: bytes
-
-    def pixels(self) -> npt.NDArray[np.uint8]:
-        """Return the picture as an array.
-
-        Returns
-        -------
-        array of uint8, shape (height, width) or (height, width, 3)
-            Grey values, or red, green and blue.
-
-        Raises
-        ------
-        InputError
-            The picture is a JPEG, in ``data``.
-        """
-        width, height = self.size
-        if self.encoding == "jpeg":
-            raise InputError("the picture came as JPEG; decode its data, for example by Pillow")
-        shape = (height, width) if self.encoding == "grey" else (height, width, 3)
-        return np.frombuffer(self.data, np.uint8).reshape(shape)
+#: Time between two looks at the statistics, s.
+_TURN = 0.05
 
 
 def connect(
@@ -209,7 +140,7 @@ class Session:
         """
         return self._json("/status")
 
-    def do(self, command: str, **fields: Any) -> dict[str, Any]:
+    def do(self, command: str, /, **fields: Any) -> dict[str, Any]:
         """Execute a command, such as ``save``, ``freeze`` or ``clear``.
 
         Parameters
@@ -274,6 +205,16 @@ class Session:
                 return None
             raise
 
+    def view(self) -> bytes | None:
+        """Return the newest picture of the volume as PNG; None if there is none yet.
+
+        Returns
+        -------
+        bytes or None
+            The picture.
+        """
+        return self.picture("view")
+
     def wait(self, seconds: float, *, used: int = 1) -> dict[str, Any]:
         """Wait until so many frames are used.
 
@@ -295,15 +236,9 @@ class Session:
             The frames did not come in time.
         """
         ends = time.monotonic() + seconds
-        while True:
-            status = self.status()
-            if int(status["frames"]["used"]) >= used:
-                return status
-            if time.monotonic() > ends:
-                raise TimeoutError(
-                    f"{status['frames']['used']} of {used} frames were used within {seconds} s"
-                )
-            time.sleep(0.05)
+        while not _has_used(status := self.status(), used, ends, seconds):
+            time.sleep(_TURN)
+        return status
 
     def stream(
         self, *, slice: bool = True, view: bool = True, reconnect: float = 30.0
@@ -331,44 +266,39 @@ class Session:
         ------
         OSError
             The session has ended, or the connection cannot be made again.
+        CommandRefused
+            The console refuses the connection, for example its token.
         """
-        from websockets.exceptions import ConnectionClosed
+        from websockets.exceptions import ConnectionClosed, InvalidStatus
         from websockets.sync.client import connect as open_socket
 
-        address = self.address.replace("http", "ws", 1) + "/v1/stream"
-        context = self._context if address.startswith("wss") else None
-        show = json.dumps({"do": "show", "slice": slice, "view": view})
-        lost: float | None = None
+        stream = self._stream(slice, view, reconnect)
         while True:
+            ended: Exception | None = None
             try:
-                with open_socket(
-                    address,
-                    additional_headers=self._headers(),
-                    ssl=context,
-                    open_timeout=self._timeout,
-                    max_size=None,
-                ) as socket:
-                    socket.send(show)
-                    lost = None
+                with open_socket(stream.address, **stream.options) as socket:
+                    socket.send(stream.opened())
                     for message in socket:
-                        if isinstance(message, bytes):
-                            picture = _picture(message)
+                        picture = stream.picture(message)
+                        if picture is not None:
                             yield picture
-                            shown = {
-                                "do": "shown",
-                                "kind": picture.kind,
-                                "sequence": picture.sequence,
-                            }
-                            socket.send(json.dumps(shown))
+                            socket.send(stream.taken(picture))
+            except InvalidStatus as error:
+                raise stream.refused(error) from None
             except (OSError, ConnectionClosed) as error:
-                lost = lost or time.monotonic()
-                if time.monotonic() - lost > reconnect:
-                    raise ConnectionError(
-                        f"{self.address}: the connection is lost: {error}"
-                    ) from error
-            else:
-                lost = lost or time.monotonic()
-            time.sleep(0.2)
+                ended = error
+            stream.lost(ended)
+            time.sleep(PAUSE)
+
+    def _stream(self, slice: bool, view: bool, reconnect: float) -> Stream:
+        return Stream(
+            self.address,
+            headers=self._headers(),
+            context=self._context,
+            timeout=self._timeout,
+            show={"slice": slice, "view": view},
+            reconnect=reconnect,
+        )
 
     def _headers(self) -> dict[str, str]:
         return {} if self._token is None else {"Authorization": f"Bearer {self._token}"}
@@ -397,15 +327,123 @@ class Session:
             raise CommandRefused(f"{route}: {sentence}", error.code) from None
 
 
-def _picture(message: bytes) -> Picture:
-    """Split a message into its header and its picture."""
-    kind, encoding, _, width, height, sequence, captured, _, frame = _HEADER.unpack_from(message)
-    return Picture(
-        kind,
-        _ENCODINGS[encoding],
-        (width, height),
-        sequence,
-        captured,
-        frame,
-        message[_HEADER.size :],
-    )
+def _has_used(status: dict[str, Any], used: int, ends: float, seconds: float) -> bool:
+    """Return whether so many frames are used; raise when the time is over."""
+    count = int(status["frames"]["used"])
+    if count < used and time.monotonic() > ends:
+        raise TimeoutError(f"{count} of {used} frames were used within {seconds} s")
+    return count >= used
+
+
+async def connect_async(
+    address: str,
+    *,
+    token: str | None = None,
+    timeout: float = 10.0,
+    context: ssl.SSLContext | None = None,
+) -> AsyncSession:
+    """Connect to a session's console, in a program with ``asyncio``.
+
+    Parameters
+    ----------
+    address : str
+        Address, such as ``http://127.0.0.1:9110``.
+    token : str, optional
+        The console's token, if it has one.
+    timeout : float, optional
+        Longest wait for an answer, s.
+    context : ssl.SSLContext, optional
+        Certificates to trust. By default the system's.
+
+    Returns
+    -------
+    AsyncSession
+        The session; it has answered.
+
+    Raises
+    ------
+    InputError
+        The address is none.
+    OSError
+        Nothing answers there.
+    """
+    session = Session(address, token=token, timeout=timeout, context=context)
+    await asyncio.to_thread(session.about)
+    return AsyncSession(session)
+
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def _awaited(
+    method: Callable[Concatenate[Session, _P], _R],
+) -> Callable[Concatenate[AsyncSession, _P], Coroutine[Any, Any, _R]]:
+    """Make a method of the blocking form to be awaited; it waits in a thread of its own."""
+
+    @functools.wraps(method)
+    async def call(self: AsyncSession, /, *args: _P.args, **keywords: _P.kwargs) -> _R:
+        return await asyncio.to_thread(method, self._session, *args, **keywords)
+
+    return call
+
+
+class AsyncSession:
+    """A running session, for ``asyncio``. Made by :func:`connect_async`.
+
+    Methods are those of :class:`Session`, to be awaited.
+
+    Parameters
+    ----------
+    session : Session
+        The blocking form.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def __repr__(self) -> str:
+        """Return a short description, without the token."""
+        return f"<sonoweave.live.AsyncSession at {self._session.address}>"
+
+    about = _awaited(Session.about)
+    account = _awaited(Session.account)
+    status = _awaited(Session.status)
+    do = _awaited(Session.do)
+    measure = _awaited(Session.measure)
+    picture = _awaited(Session.picture)
+    view = _awaited(Session.view)
+
+    async def wait(self, seconds: float, *, used: int = 1) -> dict[str, Any]:
+        ends = time.monotonic() + seconds
+        while not _has_used(status := await self.status(), used, ends, seconds):
+            await asyncio.sleep(_TURN)
+        return status
+
+    async def stream(
+        self, *, slice: bool = True, view: bool = True, reconnect: float = 30.0
+    ) -> AsyncIterator[Picture]:
+        from websockets.asyncio.client import connect as open_socket
+        from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+        stream = self._session._stream(slice, view, reconnect)
+        while True:
+            ended: Exception | None = None
+            try:
+                async with open_socket(stream.address, **stream.options) as socket:
+                    await socket.send(stream.opened())
+                    async for message in socket:
+                        picture = stream.picture(message)
+                        if picture is not None:
+                            yield picture
+                            await socket.send(stream.taken(picture))
+            except InvalidStatus as error:
+                raise stream.refused(error) from None
+            except (OSError, ConnectionClosed) as error:
+                ended = error
+            stream.lost(ended)
+            await asyncio.sleep(PAUSE)
+
+
+for _method in ("stream", "wait"):
+    getattr(AsyncSession, _method).__doc__ = getattr(Session, _method).__doc__

@@ -17,6 +17,7 @@ use sonoweave_core::frames::{Image, Probe, Transform};
 use sonoweave_core::named::StaticTransform;
 
 use crate::app::input;
+use crate::app::json::document;
 use crate::failure::Failure;
 pub(crate) use options::Outputs;
 
@@ -109,14 +110,14 @@ impl Outputs {
     }
 
     /// Writes the requested files: the transform with its provenance into the calibration file,
-    /// and the report.
+    /// and the report. Returns the latter, as a JSON document.
     pub(crate) fn write(
         &self,
         transform: &StaticTransform,
         provenance: &str,
         origin: Origin,
         report: &impl Serialize,
-    ) -> Result<(), Failure> {
+    ) -> Result<String, Failure> {
         let change = |file: &mut CalibrationFile| {
             merge(file, transform, provenance);
             file.originates(&transform.name(), origin);
@@ -124,13 +125,14 @@ impl Outputs {
         self.write_changed(change, report)
     }
 
-    /// Writes a probe's calibration, the latencies if there are any, and the report.
+    /// Writes a probe's calibration, the latencies if there are any, and the report. Returns the
+    /// latter, as a JSON document.
     pub(crate) fn write_probe(
         &self,
         result: ProbeResult,
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
-    ) -> Result<(), Failure> {
+    ) -> Result<String, Failure> {
         let ProbeResult { probe_from_image, provenance, record, preset, latency } = result;
         let named = StaticTransform::image_to_probe(&probe_from_image);
         let change = |file: &mut CalibrationFile| {
@@ -159,11 +161,12 @@ impl Outputs {
     }
 
     /// Writes the requested files: the changed calibration file, and the report, without a page.
+    /// Returns the report, as a JSON document.
     pub(crate) fn write_changed(
         &self,
         change: impl FnOnce(&mut CalibrationFile),
         report: &impl Serialize,
-    ) -> Result<(), Failure> {
+    ) -> Result<String, Failure> {
         self.write_with_page(change, report, || Ok(String::new()))
     }
 
@@ -172,8 +175,9 @@ impl Outputs {
         change: impl FnOnce(&mut CalibrationFile),
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
-    ) -> Result<(), Failure> {
+    ) -> Result<String, Failure> {
         // Everything that can fail comes before the first write.
+        let document = document(report)?;
         let page = self.page.as_ref().map(|path| Ok::<_, Failure>((path, page()?))).transpose()?;
         if let Some(path) = &self.output {
             let mut file = self.before()?;
@@ -183,7 +187,8 @@ impl Outputs {
         if let Some((path, page)) = page {
             write_whole(path, |to| to.write_all(page.as_bytes())).map_err(|e| Failure::io(path, "writing", &e))?;
         }
-        self.json.write(report)
+        self.json.write_text(&document)?;
+        Ok(document)
     }
 
     /// Returns the written files with their kinds.

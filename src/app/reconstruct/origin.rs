@@ -11,8 +11,10 @@ use crate::failure::Failure;
 /// The origin of a reconstruction's frames.
 #[derive(Debug, Clone)]
 pub(crate) enum Origin {
-    /// A recording.
+    /// A recorded sequence.
     File(PathBuf),
+    /// A recorded session, whose configuration has the calibration.
+    Session(PathBuf),
     /// Frames of several recordings or of a program's memory, with a name for them.
     Frames(PathBuf),
 }
@@ -24,7 +26,7 @@ impl Origin {
     /// [`Failure`] when it is.
     pub(super) fn check_is_not(&self, output: &Path) -> Result<(), Failure> {
         match self {
-            Self::File(path) => input::check_is_not(output, path),
+            Self::File(path) | Self::Session(path) => input::check_is_not(output, path),
             Self::Frames(_) => Ok(()),
         }
     }
@@ -35,7 +37,7 @@ impl Origin {
     /// [`Failure`] when the recording cannot be read.
     pub(super) fn hash(&self, outcome: &Outcome) -> Result<String, Failure> {
         match self {
-            Self::File(path) => input::hash(path),
+            Self::File(path) | Self::Session(path) => input::hash(path),
             Self::Frames(_) => {
                 let mut text = String::with_capacity(64);
                 for byte in outcome.slices_sha256 {
@@ -54,13 +56,13 @@ impl Origin {
     pub(super) fn data_hash(&self) -> Result<Option<String>, Failure> {
         match self {
             Self::File(path) => input::recording(path).0.get(1).map(|data| input::hash(data)).transpose(),
-            Self::Frames(_) => Ok(None),
+            Self::Session(_) | Self::Frames(_) => Ok(None),
         }
     }
 
     /// Returns the recording, or the name of the frames.
     pub(crate) fn path(&self) -> &Path {
-        let (Self::File(path) | Self::Frames(path)) = self;
+        let (Self::File(path) | Self::Session(path) | Self::Frames(path)) = self;
         path
     }
 

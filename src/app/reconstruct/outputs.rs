@@ -342,6 +342,7 @@ impl Request {
                 format!("{} sha256 {}", name.to_string_lossy(), input::hash(path)?)
             }
             None if options.has_calibration => "command line".into(),
+            None if matches!(self.origin, Origin::Session(_)) => "in the configuration".into(),
             None => "in the sequence".into(),
         };
         let input = format!("{} sha256 {hash}", self.origin.name());

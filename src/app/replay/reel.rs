@@ -13,20 +13,20 @@ use crate::app::live::stages::GRABBER;
 use crate::failure::Failure;
 
 /// The session's frames.
-pub(super) struct Reel {
+pub(crate) struct Reel {
     frames: Frames,
     /// Capture time of the first frame, host ns of the recording.
     first_ns: Option<i64>,
 }
 
 /// A single frame.
-pub(super) struct Still {
+pub(crate) struct Still {
     /// The number that its device gave it.
-    pub(super) item: u64,
+    pub(crate) item: u64,
     /// Capture time, s after the first frame.
-    pub(super) time_s: f64,
+    pub(crate) time_s: f64,
     /// The image in MF orientation.
-    pub(super) image: Image,
+    pub(crate) image: Image,
 }
 
 impl Reel {
@@ -34,12 +34,12 @@ impl Reel {
     ///
     /// # Errors
     /// [`Failure`] when the session cannot be read.
-    pub(super) fn open(session: &Path) -> Result<Self, Failure> {
+    pub(crate) fn open(session: &Path) -> Result<Self, Failure> {
         Ok(Self { frames: Frames::open(session, GRABBER, &Limits::default())?, first_ns: None })
     }
 
     /// Returns the number of frames.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.frames.count()
     }
 
@@ -47,7 +47,7 @@ impl Reel {
     ///
     /// # Errors
     /// A sentence when it cannot be read, or is not a usable image.
-    pub(super) fn still(&mut self, place: usize) -> Result<Still, String> {
+    pub(crate) fn still(&mut self, place: usize) -> Result<Still, String> {
         let first_ns = match self.first_ns {
             Some(first_ns) => first_ns,
             None => {

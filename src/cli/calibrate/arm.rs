@@ -9,10 +9,9 @@ use calibration::arm::reach::Reach;
 use calibration::file::CalibrationFile;
 
 use super::super::Failure;
-use super::advice::AdviceDisplay;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::arm::{Options, TouchedArm};
 use crate::app::calibrate::outputs::{Input, Outputs, originates};
-use crate::cli::print::print;
 use report::{CheckReport, FitReport, Results};
 
 /// Flags of `calibrate arm`.
@@ -41,20 +40,17 @@ pub struct Arguments {
     outputs: Outputs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the arm, or the arm no longer matches its
-/// fit.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { options, outputs } = arguments;
-    outputs.check(&options.inputs())?;
-    let touching = options.touching(&mut AdviceDisplay::default())?;
-    if options.check { hold(&touching, arguments) } else { find(&touching, arguments) }
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let Arguments { options, outputs } = self;
+        outputs.check(&options.inputs())?;
+        let touching = options.touching(outlets.advisor)?;
+        if options.check { hold(&touching, self) } else { find(&touching, self) }
+    }
 }
 
 /// Fits the arm to its touches.
-fn find(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<(), Failure> {
+fn find(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<Done, Failure> {
     let TouchedArm { session, counts, touched, fit_options, .. } = touching;
     let fitted = touching.fit()?;
     let reach = Reach::of(&fitted);
@@ -70,18 +66,18 @@ fn find(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -
         originates(file, "Arm", &provenance);
         file.originates("arm", origin);
     };
-    outputs.write_changed(change, &report)?;
-    print(&(text + &outputs.summary()))
+    let report = outputs.write_changed(change, &report)?;
+    Ok(Done::new(text + &outputs.summary(), report))
 }
 
 /// Checks the arm against its fit.
-fn hold(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<(), Failure> {
+fn hold(touching: &TouchedArm<'_>, Arguments { options, outputs }: &Arguments) -> Result<Done, Failure> {
     let TouchedArm { session, counts, touched, fit_rms_mm, .. } = touching;
     let checked = touching.check()?;
     let results = Results { touched, counts, tip_sd_mm: options.tip_sd_mm };
     let text = results.of_check(&checked, *fit_rms_mm);
     let report = CheckReport::new(Input::of(session)?, &results, &checked, *fit_rms_mm);
-    outputs.write_changed(|_| {}, &report)?;
-    print(&(text + &outputs.summary()))?;
-    if checked.changed { Err(touching.changed(&checked)) } else { Ok(()) }
+    let report = outputs.write_changed(|_| {}, &report)?;
+    let failure = checked.changed.then(|| touching.changed(&checked));
+    Ok(Done { failure, ..Done::new(text + &outputs.summary(), report) })
 }

@@ -12,11 +12,10 @@ use calibration::statistics::Spread;
 use config::phantom::PhantomSettings;
 
 use super::super::{Failure, values};
-use super::advice::AdviceDisplay;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::landmarks::{Found, Touches, tip};
 use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
 use crate::app::calibrate::poses::{Counts, Recording};
-use crate::cli::print::print;
 
 /// Flags of `calibrate landmarks`.
 #[derive(Debug, Args)]
@@ -103,65 +102,62 @@ impl From<&Rest> for RestReport {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the phantom's pose; nothing is written
-/// then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
-    let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
-    // The tip's file may be the output file: its other contents are kept.
-    outputs.check(&[recording.path(), phantom])?;
-    let settings = PhantomSettings::read(phantom)?;
-    let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
-    let landmarks = settings.geometry.landmarks();
-    let touches = Touches { phantom: &settings, file: phantom, tip_mm, tip_error_mm: *tip_error, limit_mm: *limit };
-    let found = touches.find(recording, &mut AdviceDisplay::default())?;
-    let Found { recording, read, registered, predicted } = found;
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = self;
+        let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
+        // The tip's file may be the output file: its other contents are kept.
+        outputs.check(&[recording.path(), phantom])?;
+        let settings = PhantomSettings::read(phantom)?;
+        let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
+        let landmarks = settings.geometry.landmarks();
+        let touches = Touches { phantom: &settings, file: phantom, tip_mm, tip_error_mm: *tip_error, limit_mm: *limit };
+        let found = touches.find(recording, outlets.advisor)?;
+        let Found { recording, read, registered, predicted } = found;
 
-    let (input, phantom, stylus_tip) = (Input::of(recording.path())?, Input::of(phantom)?, Input::of(tip_file)?);
-    let origin = outputs.origin([&input, &phantom, &stylus_tip]);
-    let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
-    let provenance = format!(
-        "{} landmarks touched in {}, {:.2} mm",
-        registered.touched.len(),
-        input.name(),
-        registered.error_mm.mean
-    );
-    let text = text(&registered, landmarks, &read.frame, &read.counts, predicted);
-    let name = |index: &usize| landmarks[*index].name.as_str();
-    let report = Report {
-        kind: "landmarks",
-        input,
-        phantom,
-        stylus_tip,
-        frame: &read.frame,
-        route: &read.route,
-        poses: &read.counts,
-        phantom_to_reference: rows(registered.reference_from_phantom.affine()),
-        error_mm: registered.error_mm,
-        landmarks: (registered.touched.iter())
-            .map(|touched| LandmarksReport {
-                name: name(&touched.landmark),
-                position_mm: landmarks[touched.landmark].position_mm.to_array(),
-                touched_mm: touched.at_mm.to_array(),
-                error_mm: touched.error_mm,
-                rests: touched.rests.iter().map(RestReport::from).collect(),
-            })
-            .collect(),
-        missed: registered.missed.iter().map(name).collect(),
-        elsewhere: registered.elsewhere.iter().map(RestReport::from).collect(),
-        by_order: registered.by_order,
-        noise_mm: registered.noise_mm,
-        rest_radius_mm: registered.radius_mm,
-        covariance: registered.covariance,
-        predicted_error_mm: predicted,
-        condition: registered.condition,
-        limit_mm: *limit,
-    };
-    outputs.write(&transform, &provenance, origin, &report)?;
-    print(&(text + &outputs.summary()))
+        let (input, phantom, stylus_tip) = (Input::of(recording.path())?, Input::of(phantom)?, Input::of(tip_file)?);
+        let origin = outputs.origin([&input, &phantom, &stylus_tip]);
+        let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
+        let provenance = format!(
+            "{} landmarks touched in {}, {:.2} mm",
+            registered.touched.len(),
+            input.name(),
+            registered.error_mm.mean
+        );
+        let text = text(&registered, landmarks, &read.frame, &read.counts, predicted);
+        let name = |index: &usize| landmarks[*index].name.as_str();
+        let report = Report {
+            kind: "landmarks",
+            input,
+            phantom,
+            stylus_tip,
+            frame: &read.frame,
+            route: &read.route,
+            poses: &read.counts,
+            phantom_to_reference: rows(registered.reference_from_phantom.affine()),
+            error_mm: registered.error_mm,
+            landmarks: (registered.touched.iter())
+                .map(|touched| LandmarksReport {
+                    name: name(&touched.landmark),
+                    position_mm: landmarks[touched.landmark].position_mm.to_array(),
+                    touched_mm: touched.at_mm.to_array(),
+                    error_mm: touched.error_mm,
+                    rests: touched.rests.iter().map(RestReport::from).collect(),
+                })
+                .collect(),
+            missed: registered.missed.iter().map(name).collect(),
+            elsewhere: registered.elsewhere.iter().map(RestReport::from).collect(),
+            by_order: registered.by_order,
+            noise_mm: registered.noise_mm,
+            rest_radius_mm: registered.radius_mm,
+            covariance: registered.covariance,
+            predicted_error_mm: predicted,
+            condition: registered.condition,
+            limit_mm: *limit,
+        };
+        let report = outputs.write(&transform, &provenance, origin, &report)?;
+        Ok(Done::new(text + &outputs.summary(), report))
+    }
 }
 
 fn text(registered: &Registered, landmarks: &[Landmark], frame: &str, counts: &Counts, predicted: [f64; 2]) -> String {

@@ -7,10 +7,9 @@ use clap::{ArgGroup, Args};
 use calibration::file::CalibrationFile;
 
 use super::super::Failure;
-use super::advice::AdviceDisplay;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::latency::Options;
 use crate::app::calibrate::outputs::{Outputs, originates};
-use crate::cli::print::print;
 use report::Report;
 
 /// Flags of `calibrate latency`.
@@ -37,26 +36,24 @@ pub struct Arguments {
     outputs: Outputs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the lag; nothing is written then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { options, outputs } = arguments;
-    options.check(outputs)?;
-    let report = Report::new(options.find(&mut AdviceDisplay::default())?)?;
-    if report.latency().tracker_ms.abs() > 1000.0 {
-        fail!(
-            "the tracker's latency would be {:.0} ms, but 1000 ms is the limit; check that all stamps are from one \
-            clock",
-            report.latency().tracker_ms
-        );
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let Arguments { options, outputs } = self;
+        options.check(outputs)?;
+        let report = Report::new(options.find(outlets.advisor)?)?;
+        if report.latency().tracker_ms.abs() > 1000.0 {
+            fail!(
+                "the tracker's latency would be {:.0} ms, but 1000 ms is the limit; check that all stamps are from one \
+                clock",
+                report.latency().tracker_ms
+            );
+        }
+        let change = |file: &mut CalibrationFile| {
+            file.latency = Some(report.latency());
+            originates(file, "latency", &report.provenance());
+            file.originates("latency", outputs.origin(report.inputs()));
+        };
+        let document = outputs.write_changed(change, &report)?;
+        Ok(Done::new(report.text(outputs), document))
     }
-    let change = |file: &mut CalibrationFile| {
-        file.latency = Some(report.latency());
-        originates(file, "latency", &report.provenance());
-        file.originates("latency", arguments.outputs.origin(report.inputs()));
-    };
-    outputs.write_changed(change, &report)?;
-    print(&report.text(outputs))
 }

@@ -9,11 +9,10 @@ use calibration::pivot::Pivot;
 use calibration::statistics::Spread;
 
 use super::super::{Failure, values};
-use super::advice::AdviceDisplay;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::outputs::{Input, Outputs, named, place, rows};
 use crate::app::calibrate::pivot::{Found, Swings, sds};
 use crate::app::calibrate::poses::{Counts, Poses, Recording};
-use crate::cli::print::print;
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]
@@ -72,50 +71,48 @@ struct Turned {
     rms_deg: f64,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the tip; nothing is written then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { recording, limit, goal, outputs } = arguments;
-    outputs.check(&[recording.path()])?;
-    let swings = Swings { limit_mm: *limit, goal_mm: *goal };
-    let Found { recording, read, pivot } = swings.find(recording, &mut AdviceDisplay::default())?;
-    let recording = recording.as_ref();
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let Arguments { recording, limit, goal, outputs } = self;
+        outputs.check(&[recording.path()])?;
+        let swings = Swings { limit_mm: *limit, goal_mm: *goal };
+        let Found { recording, read, pivot } = swings.find(recording, outlets.advisor)?;
+        let recording = recording.as_ref();
 
-    let input = Input::of(recording.path())?;
-    let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
-    let provenance =
-        format!("pivot, {} poses of {}, {:.2} mm", pivot.residual_mm.count, input.name(), pivot.residual_mm.mean);
-    let origin = outputs.origin([&input]);
-    let sds = sds(&pivot);
-    let text = text(recording, &read, &pivot, sds);
-    let report = Report {
-        kind: "pivot",
-        input,
-        stylus: &recording.stylus,
-        frame: &read.frame,
-        route: &read.route,
-        poses: &read.counts,
-        outliers: &pivot.outliers,
-        tip_mm: pivot.tip_mm.to_array(),
-        tip_sd_mm: sds,
-        tip_covariance_mm2: pivot.tip_covariance_mm2,
-        pivot_mm: pivot.pivot_mm.to_array(),
-        residual_mm: pivot.residual_mm.mean,
-        residuals_mm: pivot.residual_mm,
-        noise_along_mm: pivot.noise_mm[0],
-        noise_across_mm: pivot.noise_mm[1],
-        turned: (pivot.turning.axes.iter().zip(pivot.turning.deg))
-            .map(|(axis, rms_deg)| Turned { axis: axis.to_array(), rms_deg })
-            .collect(),
-        correlation_length: pivot.correlation_length,
-        condition: pivot.condition,
-        limit_mm: *limit,
-        stylus_tip_to_stylus: rows(pivot.stylus_from_tip.affine()),
-    };
-    outputs.write(&transform, &provenance, origin, &report)?;
-    print(&(text + &outputs.summary()))
+        let input = Input::of(recording.path())?;
+        let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
+        let provenance =
+            format!("pivot, {} poses of {}, {:.2} mm", pivot.residual_mm.count, input.name(), pivot.residual_mm.mean);
+        let origin = outputs.origin([&input]);
+        let sds = sds(&pivot);
+        let text = text(recording, &read, &pivot, sds);
+        let report = Report {
+            kind: "pivot",
+            input,
+            stylus: &recording.stylus,
+            frame: &read.frame,
+            route: &read.route,
+            poses: &read.counts,
+            outliers: &pivot.outliers,
+            tip_mm: pivot.tip_mm.to_array(),
+            tip_sd_mm: sds,
+            tip_covariance_mm2: pivot.tip_covariance_mm2,
+            pivot_mm: pivot.pivot_mm.to_array(),
+            residual_mm: pivot.residual_mm.mean,
+            residuals_mm: pivot.residual_mm,
+            noise_along_mm: pivot.noise_mm[0],
+            noise_across_mm: pivot.noise_mm[1],
+            turned: (pivot.turning.axes.iter().zip(pivot.turning.deg))
+                .map(|(axis, rms_deg)| Turned { axis: axis.to_array(), rms_deg })
+                .collect(),
+            correlation_length: pivot.correlation_length,
+            condition: pivot.condition,
+            limit_mm: *limit,
+            stylus_tip_to_stylus: rows(pivot.stylus_from_tip.affine()),
+        };
+        let report = outputs.write(&transform, &provenance, origin, &report)?;
+        Ok(Done::new(text + &outputs.summary(), report))
+    }
 }
 
 fn text(recording: &Recording, read: &Poses, pivot: &Pivot, sds: [f64; 3]) -> String {

@@ -1,7 +1,6 @@
 //! `sonoweave calibrate probe`: finds the transform from the image to the sensor on the
 //! transducer.
 
-pub(crate) mod keywords;
 mod page;
 mod page_parts;
 mod report;
@@ -13,13 +12,10 @@ use std::path::{Path, PathBuf};
 use clap::{ArgGroup, Args};
 
 use super::super::Failure;
-use super::advice::AdviceDisplay;
-use crate::app::calibrate::guide::Advisor;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::outputs::Outputs;
 use crate::app::calibrate::probe::quality::quality;
 use crate::app::calibrate::probe::{Found, Lag, Made, MethodFile, Options, pictures};
-use crate::app::reporter::Steps;
-use crate::cli::progress::steps;
 use report::{Report, text};
 use shared::{Inputs, write};
 
@@ -79,74 +75,37 @@ impl Arguments {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the image plane; nothing is written then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let options = &arguments.options;
-    let (outputs, file) = arguments.checked()?;
-    let outputs = &outputs;
-    match file {
-        MethodFile::Phantom(phantom) => by_wires(options, outputs, phantom),
-        MethodFile::Target(tip) => target::run(options, outputs, tip),
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let options = &self.options;
+        let (outputs, file) = self.checked()?;
+        match file {
+            MethodFile::Phantom(phantom) => by_wires(options, &outputs, phantom, outlets),
+            MethodFile::Target(tip) => target::calibrate(options, &outputs, tip, outlets),
+        }
     }
 }
 
-fn by_wires(options: &Options, outputs: &Outputs, phantom: &Path) -> Result<(), Failure> {
-    let wires = Wires::find(options, outputs, phantom, &mut AdviceDisplay::default(), &steps)?;
-    let Wires { done, report, made, next } = &wires;
-    let text = text(&done.found, &done.layout) + next;
-    write(options, outputs, made.clone(), report.latency.as_ref(), report, || wires.page(), text)
-}
-
-/// A calibration by a phantom's wires, with its report.
-struct Wires {
-    done: Found,
-    report: Report,
-    made: Made,
-    /// Advice on the next view, as a line.
-    next: String,
-}
-
-impl Wires {
-    /// Calibrates.
-    ///
-    /// # Errors
-    /// [`Failure`] when the recording does not determine the image plane.
-    fn find(
-        options: &Options,
-        outputs: &Outputs,
-        phantom: &Path,
-        advisor: &mut dyn Advisor,
-        steps: Steps<'_>,
-    ) -> Result<Self, Failure> {
-        let done = options.by_wires(phantom, advisor, steps)?;
-        let Found { recorded, found, .. } = &done;
-        let refined = &found.refined;
-        let reproducibility = outputs.wants_report().then(|| done.reproducibility()).flatten();
-        let next = done.next_view();
-        let inputs = Inputs::of(options, recorded.path())?;
-        let mut report = Report::new(options, inputs, &done, reproducibility, next.as_ref());
-        report.latency = Lag::of(outputs, recorded, [refined.lag_s, refined.lag_sd_s])?;
-        let made = Made {
-            probe_from_image: refined.probe_from_image(),
-            provenance: report.shared.provenance(&report.inputs),
-            size_px: found.size_px,
-            quality: quality(found),
-            covariance: refined.covariance(),
-            origin: report.inputs.origin(outputs),
-            latency: None,
-        };
-        let next = next.as_ref().map_or(String::new(), report::next_line);
-        Ok(Self { done, report, made, next })
-    }
-
-    /// Returns the report as a page for a browser.
-    ///
-    /// # Errors
-    /// [`Failure`] when the recording's frames cannot be read again.
-    fn page(&self) -> Result<String, Failure> {
-        Ok(self.report.page(&pictures(&self.done.recorded, &self.report.listed_frames())?))
-    }
+fn by_wires(options: &Options, outputs: &Outputs, phantom: &Path, outlets: Outlets<'_>) -> Result<Done, Failure> {
+    let wants_report = outlets.wants_report || outputs.wants_report();
+    let done = options.by_wires(phantom, outlets.advisor, outlets.steps)?;
+    let Found { layout, recorded, found, .. } = &done;
+    let refined = &found.refined;
+    let reproducibility = wants_report.then(|| done.reproducibility()).flatten();
+    let next = done.next_view();
+    let inputs = Inputs::of(options, recorded.path())?;
+    let mut report = Report::new(options, inputs, &done, reproducibility, next.as_ref());
+    report.latency = Lag::of(outputs, recorded, [refined.lag_s, refined.lag_sd_s])?;
+    let made = Made {
+        probe_from_image: refined.probe_from_image(),
+        provenance: report.shared.provenance(&report.inputs),
+        size_px: found.size_px,
+        quality: quality(found),
+        covariance: refined.covariance(),
+        origin: report.inputs.origin(outputs),
+        latency: None,
+    };
+    let page = || Ok(report.page(&pictures(recorded, &report.listed_frames())?));
+    let text = text(found, layout) + &next.as_ref().map_or(String::new(), report::next_line);
+    write(options, outputs, made, report.latency.as_ref(), &report, page, text)
 }

@@ -14,11 +14,10 @@ use calibration::tracker::zones::Zones;
 use sonoweave_core::date::Date;
 
 use super::super::Failure;
-use super::advice::AdviceDisplay;
+use super::done::{Calibrate, Done, Outlets};
 use crate::app::calibrate::outputs::{Input, Outputs, originates, place, rows};
 use crate::app::calibrate::poses::Counts;
 use crate::app::calibrate::tracker::{Found, Measured, Options};
-use crate::cli::print::print;
 
 /// Largest number of cells that the text lists.
 const MOST_PRINTED: usize = 8;
@@ -90,22 +89,20 @@ struct CellReport {
     warned_of: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// [`Failure`] when the recording does not determine the result.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { options, outputs } = arguments;
-    outputs.check(&[options.recording(&options.tracker).path()])?;
-    let Found { path, counts, result } = options.find(&mut AdviceDisplay::default())?;
-    match result {
-        Measured::Noise(noise) => arguments.noise(&path, &counts, &noise),
-        Measured::Map(map) => arguments.map(&path, &counts, &map, options.other.as_deref().unwrap_or_default()),
+impl Calibrate for Arguments {
+    fn calibrate(&self, outlets: Outlets<'_>) -> Result<Done, Failure> {
+        let Arguments { options, outputs } = self;
+        outputs.check(&[options.recording(&options.tracker).path()])?;
+        let Found { path, counts, result } = options.find(outlets.advisor)?;
+        match result {
+            Measured::Noise(noise) => self.noise(&path, &counts, &noise),
+            Measured::Map(map) => self.map(&path, &counts, &map, options.other.as_deref().unwrap_or_default()),
+        }
     }
 }
 
 impl Arguments {
-    fn noise(&self, path: &Path, counts: &Counts, found: &Noise) -> Result<(), Failure> {
+    fn noise(&self, path: &Path, counts: &Counts, found: &Noise) -> Result<Done, Failure> {
         let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = *found;
         let input = Input::of(path)?;
         let provenance = format!("{} of {}, {position_rms_mm:.3} mm", self.options.sensor, input.name());
@@ -129,8 +126,8 @@ impl Arguments {
             originates(file, "Noise", &provenance);
             file.originates("tracker_noise", origin);
         };
-        self.outputs.write_changed(change, &report)?;
-        print(&(self.of_noise(counts, found) + &self.outputs.summary()))
+        let report = self.outputs.write_changed(change, &report)?;
+        Ok(Done::new(self.of_noise(counts, found) + &self.outputs.summary(), report))
     }
 
     fn of_noise(&self, counts: &Counts, found: &Noise) -> String {
@@ -153,7 +150,7 @@ impl Arguments {
         )
     }
 
-    fn map(&self, path: &Path, counts: &Counts, map: &Map, other: &str) -> Result<(), Failure> {
+    fn map(&self, path: &Path, counts: &Counts, map: &Map, other: &str) -> Result<Done, Failure> {
         let cells = map.cells.iter().enumerate().map(|(index, cell)| CellReport {
             low_mm: cell.low_mm.to_array(),
             pairs: cell.pairs,
@@ -188,8 +185,8 @@ impl Arguments {
             originates(file, "Distortion", &provenance);
             file.originates("distortion", origin);
         };
-        self.outputs.write_changed(change, &report)?;
-        print(&(self.of_map(other, counts, map) + &self.outputs.summary()))
+        let report = self.outputs.write_changed(change, &report)?;
+        Ok(Done::new(self.of_map(other, counts, map) + &self.outputs.summary(), report))
     }
 
     fn of_map(&self, other: &str, counts: &Counts, map: &Map) -> String {

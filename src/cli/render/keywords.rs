@@ -1,18 +1,17 @@
 //! The flags of `render` as keywords of a program: the same names, values and defaults.
 
-use clap::Parser;
+use clap::Args;
 
 use config::view_settings::Draw;
 
 use super::view_flags::ViewFlags;
 use crate::app::input;
 use crate::app::render::look::Look;
-use crate::cli::reconstruct::keywords::parse_as;
+use crate::cli::keywords::{self, Keyword};
 use crate::cli::values;
 use crate::failure::Failure;
 
-#[derive(Debug, Parser)]
-#[command(no_binary_name = true, disable_help_flag = true)]
+#[derive(Debug, Args)]
 struct Keywords {
     #[arg(long, value_parser = values::window, allow_hyphen_values = true)]
     window: Option<WindowValue>,
@@ -38,8 +37,8 @@ pub(crate) struct Picture {
 ///
 /// # Errors
 /// [`Failure`] names the keyword, its value and the values that it takes.
-pub(crate) fn parse(keywords: &[(String, String)]) -> Result<Picture, Failure> {
-    let Keywords { window, threads, view_flags } = parse_as(keywords)?;
+pub(crate) fn parse(keywords: &[Keyword]) -> Result<Picture, Failure> {
+    let Keywords { window, threads, view_flags } = keywords::parse(keywords)?;
     if let Some(what) = view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe)) {
         fail!("draw {}: a volume has no current slice; draw scale or cube", what.name());
     }

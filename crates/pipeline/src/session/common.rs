@@ -14,6 +14,9 @@ use super::recorder::Recorder;
 use super::status::StatusCollector;
 use crate::Observer;
 
+/// Reason of frames that found a queue full.
+pub(super) const DROPPED: &str = "dropped";
+
 /// Frames between capture and the volume, over all queues. Their number is limited, which bounds
 /// the memory that they hold.
 pub(super) struct InFlight {
@@ -83,12 +86,19 @@ impl Common<'_> {
     /// Counts a frame on its way as refused.
     pub(super) fn refuse(&self, refusal: &Refusal) {
         self.status.refused(refusal);
+        self.lost(refusal.item, refusal.reason.name());
         self.decide(refusal.item, FrameOutcome::of(refusal));
+    }
+
+    /// Tells the observers of a frame that does not reach the volume.
+    pub(super) fn lost(&self, item: u64, reason: &'static str) {
+        self.observers.iter().for_each(|observer| observer.lost(item, reason));
     }
 
     /// Counts a frame on its way as dropped before a full queue.
     pub(super) fn drop_before(&self, queue: Queue, item: u64) {
         self.status.dropped_frame(queue);
+        self.lost(item, DROPPED);
         self.decide(item, FrameOutcome::Dropped(queue));
     }
 }

@@ -1,4 +1,4 @@
-//! A volume that grows by recorded sequences and by single frames, for programs that own the loop.
+//! A volume that grows by recordings and by single frames, for programs that own the loop.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -14,7 +14,9 @@ use volume::brick::BrickIndex;
 
 use super::posed_frames;
 use super::priority::SchedulingPolicy;
-use super::run::Wiring;
+use super::recorded_decisions::Differences;
+use super::replay::Recorded;
+use super::run::{Wiring, resume};
 use super::sequence::Sequence;
 use super::settings::{Session, Source};
 use super::shared_volume::{PendingChanges, Shared};
@@ -52,7 +54,7 @@ pub struct Inserted {
     pub waiting: u64,
 }
 
-/// Collects the outcomes of frames.
+/// Collects the outcomes of frames. Nobody renders the volume, so that changed bricks are not kept.
 struct Collector<'a> {
     ledger: &'a mut Ledger,
     pending: &'a mut PendingChanges,
@@ -63,7 +65,7 @@ struct Collector<'a> {
 impl OutcomeSink for Collector<'_> {
     fn inserted(&mut self, inserted: &InsertedSlice<'_>) -> Result<(), PipelineError> {
         self.ledger.used();
-        self.pending.note(inserted, None);
+        self.pending.inserted += 1;
         self.insert_ms.push(inserted.insert.as_secs_f64() * 1e3);
         self.inserted.touched.extend(inserted.touched);
         Ok(())
@@ -104,6 +106,22 @@ impl GrowingVolume {
         Ok(Self::empty(session.volume_of_sequence(sequence)?))
     }
 
+    /// Returns a volume for a recorded session, with the slices of the sessions that it continues,
+    /// until `ends` is set.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if the settings do not fit, or one of those cannot be read.
+    pub fn of_recording(
+        session: &Session,
+        recorded: &Recorded,
+        resumed: Vec<Recorded>,
+        ends: &AtomicBool,
+    ) -> Result<Self, PipelineError> {
+        let volume = session.volume_of_recording(resumed.first().unwrap_or(recorded))?;
+        let notes = resume(session, &volume, resumed, ends)?;
+        Ok(Self { notes, ..Self::empty(volume) })
+    }
+
     fn empty(volume: Shared) -> Self {
         let [world, route] = GIVEN.map(str::to_owned);
         Self {
@@ -119,24 +137,29 @@ impl GrowingVolume {
         }
     }
 
+    /// Adds a note for the user.
+    pub fn note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
     /// Returns the account of all frames so far.
     pub fn ledger(&self) -> &Ledger {
         &self.ledger
     }
 
-    /// Inserts a sequence, by the threads of a session, until its end or until `ends` is set.
-    /// `watch` is called every 20 ms with the status of this sequence. Returns the sequence's own
-    /// account.
+    /// Inserts a recording, by the threads of a session, until its end or until `ends` is set.
+    /// `watch` is called every 20 ms with the status of this recording. Returns the recording's own
+    /// account, and a session's differences from the time when it was live.
     ///
     /// # Errors
     /// [`PipelineError`] if the run as a whole fails; slices inserted before remain.
     pub fn extend(
         &mut self,
         session: &Session,
-        sequence: Sequence,
+        source: Source,
         ends: &AtomicBool,
         mut watch: impl FnMut(&SessionStatus),
-    ) -> Result<Ledger, PipelineError> {
+    ) -> Result<(Ledger, Differences), PipelineError> {
         self.end()?;
         if self.ledger.frames.used > 0 {
             self.volume.lock().inserter.extended();
@@ -144,7 +167,6 @@ impl GrowingVolume {
         let before = self.volume.resume();
         let mut last = SessionStatus::default();
         let wiring = Wiring { session, volume: &self.volume, view: None, is_last: true, clock: &Monotonic, ends };
-        let source = Source::Sequence(sequence);
         let ran = wiring.run(source, &mut SchedulingPolicy::default(), Vec::new(), &mut |status| {
             last = status.clone();
             watch(status);
@@ -157,7 +179,7 @@ impl GrowingVolume {
                 self.notes.extend(notes);
                 self.insert_ms.extend(ran.insert_ms);
                 self.ledger.add(&ledger);
-                Ok(ledger)
+                Ok((ledger, ran.decisions.map_or_else(Differences::default, |decisions| decisions.differences())))
             }
             Err(error) => {
                 // The volume has counted its slices itself.

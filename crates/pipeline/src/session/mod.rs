@@ -23,7 +23,8 @@
 //! - `event`, `sequencer`, `capture_thread`: session events, their order, and a device's thread.
 //! - `replay`, `sequence`: a recorded session as a source of the same events; a recorded sequence
 //!   as a source of slices. `sequence_input`, `posed_frames`: its file, or its frames in memory.
-//! - `growing`: a volume that grows by sequences and by single frames.
+//! - `growing`: a volume that grows by recordings and by single frames. `paired`: a recorded
+//!   session's poses without a volume.
 //! - `pairing_thread`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken
 //!   where the tracker's field is distorted.
 //! - `insertion_thread`, `shared_volume`, `changes`: insertion of slices, the lock on the volume,
@@ -54,6 +55,7 @@ mod growing;
 mod insertion_thread;
 mod losses;
 mod memory;
+mod paired;
 mod pairing_thread;
 mod plane_viewer;
 mod posed_frames;
@@ -85,6 +87,7 @@ pub use digest::ResultDigest;
 pub use ended::EndedSession;
 pub use growing::{GrowingVolume, Inserted};
 pub use memory::MemoryByOwner;
+pub use paired::PairedFrame;
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 pub use posed_frames::PosedFrames;
 pub use priority::{SchedulingGrant, SchedulingPolicy};

@@ -64,14 +64,17 @@ pub(super) enum SliceSink {
     OrDrop(Sender<InsertMessage>),
     /// For a recording, which waits for room.
     Waits(Sender<InsertMessage>),
+    /// For poses alone.
+    Nowhere,
 }
 
 impl SliceSink {
     /// Passes an order on, after the slices that are on their way. It is never dropped: insertion
     /// soon makes room, or has ended.
     fn order(&self, message: InsertMessage) {
-        let (Self::OrDrop(sender) | Self::Waits(sender)) = self;
-        drop(sender.send(message));
+        if let Self::OrDrop(sender) | Self::Waits(sender) = self {
+            drop(sender.send(message));
+        }
     }
 }
 
@@ -259,6 +262,7 @@ impl<'a> Pairing<'a> {
                 sender.try_send(InsertMessage::Slice(Posed { item, slice, times })).is_err()
             }
             SliceSink::Waits(sender) => sender.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err(),
+            SliceSink::Nowhere => false,
         };
         if is_full {
             self.common.drop_before(Queue::Insertion, item);

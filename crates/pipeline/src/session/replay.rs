@@ -10,7 +10,7 @@ use sonoweave_core::clock::MS;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::{Device, Error, Next, Reading};
 
-use super::common::Common;
+use super::common::{Common, DROPPED};
 use super::device::DeviceRole;
 use super::event::{
     CLEAR, CLEAR_BEFORE, Delivery, FREEZE, FREEZE_BEFORE, Feed, FeedEvent, Freeze, LATENCY, Latency, MASK, Masked,
@@ -98,6 +98,9 @@ pub(super) fn run(
                 let was = unpaired.take_if(|was| was.device == *name && was.item == reading.stamp().item);
                 if was.is_some() && drops {
                     common.status.dropped(source, Queue::Pairing);
+                    if matches!(reading, Reading::Frame(_)) {
+                        common.lost(reading.stamp().item, DROPPED);
+                    }
                     continue;
                 }
                 common.in_flight.enter();

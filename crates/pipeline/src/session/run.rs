@@ -38,7 +38,7 @@ use crate::command::{Command, Instruction, Setting};
 /// Capacity of the queue between capture and pairing, readings.
 pub(super) const READINGS: usize = 4096;
 /// The same for a recording, which waits for room.
-const RECORDED: usize = 64;
+pub(super) const RECORDED: usize = 64;
 /// Capacity of the queue between pairing and insertion, slices.
 const SLICES: usize = 64;
 /// The same for a sequence, which is read while slices are inserted, and waits for room.
@@ -65,19 +65,31 @@ pub fn run<'a>(
 ) -> Result<EndedSession<'a>, PipelineError> {
     let SessionInputs { source, resumed, mut policy } = inputs;
     let volume = match (resumed.first(), &source) {
-        (Some(first), _) | (None, Source::Recording(first)) => {
-            let decisions = &first.decisions;
-            session.volume(first.roles.iter(), decisions.is_path_by_reach(), decisions.is_mask_of_zero_borders())?
-        }
+        (Some(first), _) | (None, Source::Recording(first)) => session.volume_of_recording(first)?,
         (None, Source::Devices { devices, .. }) => {
             session.volume(devices.iter().map(|device| &device.role), true, false)?
         }
         (None, Source::Sequence(sequence)) => session.volume_of_sequence(sequence)?,
     };
+    let notes = resume(session, &volume, resumed, ends)?;
+    let view = session.view_client.clone().map(SharedViewClient::new);
+    let wiring = Wiring { session, volume: &volume, view: view.as_ref(), is_last: true, clock, ends };
+    let ran = wiring.run(source, &mut policy, notes, &mut watch)?;
+    let Ran { status, drawn, recording, digest, decisions, insert_ms } = ran;
+    Ok(EndedSession { session, volume, view, drawn, status, recording, digest, decisions, insert_ms })
+}
+
+/// Inserts the slices of the sessions that a session continues. Returns notes for the user.
+pub(super) fn resume(
+    session: &Session,
+    volume: &Shared,
+    resumed: Vec<Recorded>,
+    ends: &AtomicBool,
+) -> Result<Vec<String>, PipelineError> {
     let mut notes = Vec::new();
     for recorded in resumed {
         let path = recorded.replay.settings().path.display().to_string();
-        let wiring = Wiring { session, volume: &volume, view: None, is_last: false, clock: &Monotonic, ends };
+        let wiring = Wiring { session, volume, view: None, is_last: false, clock: &Monotonic, ends };
         let ran = wiring
             .run(Source::Recording(recorded), &mut SchedulingPolicy::default(), Vec::new(), &mut |_| Vec::new())?;
         notes.push(format!("the session continues {path}: {} slices are in the volume", volume.resume()));
@@ -85,11 +97,7 @@ pub fn run<'a>(
             notes.push(format!("{path}: {first}"));
         }
     }
-    let view = session.view_client.clone().map(SharedViewClient::new);
-    let wiring = Wiring { session, volume: &volume, view: view.as_ref(), is_last: true, clock, ends };
-    let ran = wiring.run(source, &mut policy, notes, &mut watch)?;
-    let Ran { status, drawn, recording, digest, decisions, insert_ms } = ran;
-    Ok(EndedSession { session, volume, view, drawn, status, recording, digest, decisions, insert_ms })
+    Ok(notes)
 }
 
 /// The results of a source.
@@ -98,7 +106,7 @@ pub(super) struct Ran {
     drawn: Option<Drawn>,
     recording: Option<Recording>,
     digest: Option<ResultDigest>,
-    decisions: Option<RecordedDecisions>,
+    pub(super) decisions: Option<RecordedDecisions>,
     pub(super) insert_ms: Vec<f64>,
 }
 

@@ -163,6 +163,12 @@ impl Session {
         Ok(Shared::new(VolumeInserter::new(plan, self.mask)))
     }
 
+    /// Returns an empty volume for a recorded session, as it began.
+    pub(super) fn volume_of_recording(&self, recorded: &Recorded) -> Result<Shared, PipelineError> {
+        let Recorded { decisions, roles, .. } = recorded;
+        self.volume(roles.iter(), decisions.is_path_by_reach(), decisions.is_mask_of_zero_borders())
+    }
+
     /// Returns an empty volume for a sequence. The automatic σ across the slices and the insertion
     /// path follow from the poses of all frames to use.
     pub(super) fn volume_of_sequence(&self, sequence: &Sequence) -> Result<Shared, PipelineError> {
@@ -203,7 +209,10 @@ impl Session {
             .collect()
     }
 
-    fn timed<'d>(&self, devices: impl Iterator<Item = &'d DeviceRole>) -> Result<TimedPairing<Waiting>, PipelineError> {
+    pub(super) fn timed<'d>(
+        &self,
+        devices: impl Iterator<Item = &'d DeviceRole>,
+    ) -> Result<TimedPairing<Waiting>, PipelineError> {
         Ok(TimedPairing::new(TimedOptions {
             pairing: self.pairing.clone(),
             sources: self.sources(devices),

@@ -11,9 +11,9 @@ use calibration::probe::errors::Errors;
 use calibration::probe::plane::ImagePlane;
 
 use super::super::super::Failure;
+use super::super::done::Done;
 use crate::app::calibrate::outputs::{Input, Outputs, rows};
 use crate::app::calibrate::probe::{Lag, Made, Options, Reproducibility};
-use crate::cli::print::print;
 
 /// Points along each axis of the grid of predicted errors.
 pub(super) const LATTICE: usize = 9;
@@ -147,7 +147,7 @@ impl Shared {
     }
 }
 
-/// Writes a result to the requested files, and prints its text.
+/// Writes a result to the requested files.
 ///
 /// # Errors
 /// [`Failure`] for a result that is too uncertain, and when a file cannot be written.
@@ -159,11 +159,11 @@ pub(super) fn write(
     report: &impl Serialize,
     page: impl FnOnce() -> Result<String, Failure>,
     text: String,
-) -> Result<(), Failure> {
+) -> Result<Done, Failure> {
     let made = Made { latency: lag.and_then(Lag::latency), ..made };
-    outputs.write_probe(options.result(made)?, report, page)?;
+    let report = outputs.write_probe(options.result(made)?, report, page)?;
     let of_lag = lag.filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    print(&(text + &of_lag + &outputs.summary()))
+    Ok(Done::new(text + &of_lag + &outputs.summary(), report))
 }
 
 #[derive(Debug, Serialize)]

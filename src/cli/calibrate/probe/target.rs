@@ -5,25 +5,30 @@ mod report;
 
 use std::path::Path;
 
-use super::super::advice::AdviceDisplay;
+use super::super::done::{Done, Outlets};
 use super::shared::{Inputs, write};
 use crate::app::calibrate::outputs::Outputs;
 use crate::app::calibrate::probe::target::Found;
 use crate::app::calibrate::probe::target::quality::quality;
 use crate::app::calibrate::probe::{Lag, Made, Options, pictures};
 use crate::cli::Failure;
-use crate::cli::progress::steps;
 use report::{Report, text};
 
-/// Runs the command by one of these methods; `tip_file` holds the stylus's tip, if it is one.
+/// Calibrates by one of these methods; `tip_file` holds the stylus's tip, if it is one.
 ///
 /// # Errors
 /// [`Failure`] when the recording does not determine the image plane; nothing is written then.
-pub(super) fn run(options: &Options, outputs: &Outputs, tip_file: Option<&Path>) -> Result<(), Failure> {
-    let done = options.by_target(tip_file, &mut AdviceDisplay::default(), &steps)?;
+pub(super) fn calibrate(
+    options: &Options,
+    outputs: &Outputs,
+    tip_file: Option<&Path>,
+    outlets: Outlets<'_>,
+) -> Result<Done, Failure> {
+    let wants_report = outlets.wants_report || outputs.wants_report();
+    let done = options.by_target(tip_file, outlets.advisor, outlets.steps)?;
     let Found { recorded, found, reference, .. } = &done;
     let refined = &found.refined;
-    let reproducibility = outputs.wants_report().then(|| done.reproducibility()).flatten();
+    let reproducibility = wants_report.then(|| done.reproducibility()).flatten();
     let report = Report::new(options, Inputs::of(options, recorded.path())?, &done, reproducibility);
     let lag = Lag::of(outputs, recorded, [refined.lag_s, refined.lag_se_s])?;
     let made = Made {
