@@ -3,7 +3,9 @@
 # with the oldest and the newest NumPy, types, documentation and tutorials. Installs Debian's
 # python3-venv if it is missing, and Python packages into out/python (700 MB).
 #
-#   scripts/python.sh
+#   scripts/python.sh [wheel|test]
+#
+# With wheel it only builds, with test it only checks the wheel that was built.
 #
 # SONOWEAVE_PYTHON_QUICK=1 builds the module without optimisation and from the folder itself.
 set -euo pipefail
@@ -11,6 +13,14 @@ cd "$(dirname "$0")/.."
 root=$PWD
 out=$root/out/python
 say() { echo "python: $*"; }
+part=${1:-}
+case $part in
+"" | wheel | test) ;;
+*)
+    echo "python: there is no part \"$part\"; give wheel or test" >&2
+    exit 2
+    ;;
+esac
 
 python3 -c 'import ensurepip, venv' 2>/dev/null || scripts/setup.sh python
 # environment NAME REQUIREMENT…: makes an environment, once.
@@ -29,15 +39,16 @@ mkdir -p "$out"
 environment newest "numpy>=2"
 maturin=$out/newest/bin/maturin
 
-rm -rf "$out/dist" "$out/wheels" "$out/source"
-mkdir -p "$out/dist" "$out/wheels" "$out/source"
-build=(--locked --interpreter "$out/newest/bin/python" --out "$out/wheels")
 program=${SONOWEAVE_PROGRAM:-}
-if [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
-    (cd python && "$maturin" build --profile dev "${build[@]}" --quiet)
-    cargo build --locked --quiet -p sonoweave
-    program=${program:-${CARGO_TARGET_DIR:-target}/debug/sonoweave}
-else
+# Builds the wheel into out/python/wheels.
+build_wheel() {
+    rm -rf "$out/dist" "$out/wheels" "$out/source"
+    mkdir -p "$out/dist" "$out/wheels" "$out/source"
+    local build=(--locked --interpreter "$out/newest/bin/python" --out "$out/wheels")
+    if [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
+        (cd python && "$maturin" build --profile dev "${build[@]}" --quiet)
+        return
+    fi
     cargo fetch --locked --quiet
     (cd python && "$maturin" sdist --out "$out/dist" >"$out/sdist.log" 2>&1)
     tar xzf "$out"/dist/sonoweave-*.tar.gz -C "$out/source" --strip-components=1
@@ -46,16 +57,24 @@ else
     pairs() { awk -F'"' '/^name = /{ name = $2 } /^version = /{ print name, $2 }' "$1" | sort; }
     pairs "$out/source/Cargo.lock" >"$out/crates.txt"
     (cd "$out/source" && cargo metadata --offline --format-version 1 >/dev/null)
+    local new
     new=$(pairs "$out/source/Cargo.lock" | comm -23 - "$out/crates.txt")
     [ -z "$new" ] || {
         say "the distribution would be built with other crates: $new" >&2
         exit 1
     }
+    # What is optimised already of other projects' crates is not built again.
+    # Its lock is not shared, so that other builds do not wait for this one.
+    if [ -d target/release/deps ] && [ ! -d target/wheel ]; then
+        mkdir -p target/wheel/release
+        cp -al target/release/deps target/release/build target/wheel/release/
+        cp -a target/release/.fingerprint target/wheel/release/
+    fi
     say "building the wheel from the source distribution"
     (cd "$out/source" && CARGO_TARGET_DIR=$root/target/wheel CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_INCREMENTAL=0 \
         "$maturin" build --release "${build[@]}" --quiet)
-    program=${program:-$(scripts/build.sh)}
-fi
+}
+[ "$part" = test ] || build_wheel
 wheel=$(echo "$out"/wheels/sonoweave-*.whl)
 bytes=$(stat -c %s "$wheel")
 say "$(basename "$wheel"), $((bytes / 1000)) kB"
@@ -63,6 +82,12 @@ say "$(basename "$wheel"), $((bytes / 1000)) kB"
     say "the wheel exceeds 25 MB" >&2
     exit 1
 }
+[ "$part" != wheel ] || exit 0
+if [ -z "$program" ] && [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
+    cargo build --locked --quiet -p sonoweave
+    program=${CARGO_TARGET_DIR:-target}/debug/sonoweave
+fi
+program=${program:-$(scripts/build.sh)}
 export SONOWEAVE_PROGRAM
 SONOWEAVE_PROGRAM=$(realpath "$program")
 
