@@ -76,7 +76,8 @@ const GROUPED: [&str; 3] = ["reconstruct", "animate", "live"];
 const CONVERSION: &[(&str, &[&str])] = &[
     ("Image data", &["frames", "crop", "orientation"]),
     ("Sequences", &["station", "rate"]),
-    ("Outputs", &["json", "compress", "anonymize"]),
+    ("Outputs", &["json", "compress"]),
+    ("Anonymous files", &["anonymize", "clip", "subject", "key", "acquired"]),
 ];
 
 /// Commands of `calibrate` with many flags, and those that `-h` shows.

@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use export::picture::write_stored;
 use formats::image::write::{SequenceWriter, VolumeWriter};
@@ -11,6 +12,7 @@ use formats::whole::{persist, temporary};
 use sonoweave_core::reading::{Frame, Reading, Stamp};
 use sonoweave_core::{Description, Device, Next};
 
+use super::anonymous::Subject;
 use super::sequence::{Gathered, HOST_FIELD};
 use super::{Changes, ConvertError, identity};
 
@@ -140,6 +142,9 @@ fn each(
             Next::Reading(Reading::Frame(mut frame)) => {
                 if number >= gathered.first {
                     let n = number - gathered.first;
+                    if let Some(blackening) = &gathered.blackening {
+                        blackening.apply(Arc::make_mut(&mut frame.pixels), bytes);
+                    }
                     if let Some(arrangement) = &gathered.arrangement {
                         if let Some(pixels) = arrangement.apply(&frame.pixels, bytes) {
                             frame.pixels = pixels.into();
@@ -147,6 +152,11 @@ fn each(
                         (frame.size, frame.orientation) = (arrangement.size, arrangement.orientation.clone().into());
                     }
                     let item = &header.items[n as usize];
+                    if gathered.anonymous {
+                        frame.stamp = Stamp { item: n, ..item.stamp };
+                        (frame.frame_number, frame.status) = (item.frame_number, item.status.clone());
+                        frame.image_type = header.image_type.clone();
+                    }
                     frame.fields = item.fields.iter().filter(|(name, _)| name != HOST_FIELD).cloned().collect();
                     // A time of receipt that once came from a session goes into the new session.
                     let noted = item.fields.iter().find(|(name, _)| name == HOST_FIELD);
@@ -180,6 +190,7 @@ pub fn volume(
     let mut removed = Vec::new();
     if changes.anonymize {
         identity::leave_out(&mut header.fields, &mut removed);
+        header.fields.extend(changes.subject.iter().flat_map(Subject::fields));
     }
     let mut writer = VolumeWriter::create(to, &header)?;
     let mut done = 0;
