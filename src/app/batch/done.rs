@@ -73,6 +73,14 @@ fn outputs(folder: &RunFolder, sweep: &Planned) -> Option<Vec<Output>> {
     (key == sweep.key && !outputs.is_empty() && outputs.iter().all(is_inside)).then_some(outputs)
 }
 
+/// Returns the account of a sweep that is done; `None` for others.
+pub(crate) fn read(folder: &RunFolder, sweep: &Planned) -> Option<Done> {
+    if !is_done(folder, sweep) {
+        return None;
+    }
+    serde_json::from_slice(&fs::read(folder.sweep(&sweep.id).join(NAME)).ok()?).ok()
+}
+
 /// Whether a sweep is done: its account has the key, and its files have their lengths.
 pub(crate) fn is_done(folder: &RunFolder, sweep: &Planned) -> bool {
     let place = folder.sweep(&sweep.id);
