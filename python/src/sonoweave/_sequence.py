@@ -64,7 +64,7 @@ class Sequence:
         Parameters
         ----------
         path : path
-            Tracked sequence (.mha, .mhd, .nrrd, .nhdr).
+            Tracked sequence (.mha, .mhd, .nrrd, .nhdr, .dcm).
         config : path, optional
             Calibration: our TOML or a PLUS XML.
         preset : str, optional
