@@ -8,6 +8,7 @@ from numpydoc.validate import validate
 
 MODULES = (
     "sonoweave",
+    "sonoweave.archive",
     "sonoweave.batch",
     "sonoweave.errors",
     "sonoweave.live",

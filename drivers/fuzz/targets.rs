@@ -28,7 +28,7 @@ use formats::session::{Event, Maker, SessionReader};
 pub(crate) type Target = fn(&[u8]);
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Target); 15] = [
+pub(crate) const ALL: [(&str, Target); 16] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
     ("liberty", liberty),
@@ -44,6 +44,7 @@ pub(crate) const ALL: [(&str, Target); 15] = [
     ("metaimage", image),
     ("nrrd", image),
     ("nifti", image),
+    ("dicom", image),
 ];
 
 fn decode<F: Format>(format: F, stream: &[u8], piece: usize) -> (Vec<(String, Range<u64>)>, Losses)
@@ -387,7 +388,7 @@ fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
     stated
 }
 
-/// Tests an image file: MetaImage, NRRD or NIfTI, by its first bytes.
+/// Tests an image file: MetaImage, NRRD, NIfTI or DICOM, by its first bytes.
 pub(crate) fn image(data: &[u8]) {
     let [choice, _, file @ ..] = data else { return };
     let folder = tempfile::tempdir().expect("there is room");

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Tests that other programs accept our DICOM. dciodvfy (dicom3tools) finds no error in a volume and
-# a sweep. pydicom reads the same voxels in the same places. An Orthanc server on loopback stores
+# a sweep. pydicom reads the same voxels in the same places. We read both back to the bit, and a
+# volume that pydicom has written without our private elements. An Orthanc server on loopback stores
 # both and returns the same bytes.
 #
 # `make interop` installs the other programs first. Nothing is left running; the files stay in
@@ -37,6 +38,9 @@ who=(--patient-name "Müller^Jörg" --patient-id 4711 --study-description "Phant
     "$program" dicom volume.mha -o again.dcm "${who[@]}"
     "$program" dicom sweep.mha -o sweep.dcm "${who[@]}"
     "$program" dicom sweep.mha -o nobody.dcm
+    for name in volume turned sweep; do
+        "$program" convert "$name.dcm" -o "$name-back.mha"
+    done
 ) >"$place/made.log"
 cmp "$place/volume.dcm" "$place/again.dcm" || fail "the volume's file and the volume itself gave different images"
 
@@ -53,6 +57,23 @@ done
 
 say "== pydicom"
 "$python" scripts/interop/dicom_check.py "$place"
+
+say "== files that pydicom has written"
+mkdir "$place/others"
+"$python" scripts/interop/dicom_others.py "$place" "$place/others"
+(
+    cd "$place/others"
+    for name in volume turned; do
+        "$program" inspect "$name.dcm" --against "../$name.mha" >"$name.txt"
+        grep -q 'RMSE  *0\.000$' "$name.txt" || fail "$name: other voxels, or at other places"
+    done
+    "$program" convert sweep.dcm -o sweep.mha >/dev/null
+    ! "$program" reconstruct sweep.dcm -o none.mha 2>refused.txt || fail "pictures without poses became a volume"
+    grep -q 'a sequence without transforms' refused.txt || fail "$(cat refused.txt)"
+    ! "$program" inspect packed.dcm 2>refused.txt || fail "compressed pixels were read"
+    grep -q 'RLE Lossless.*store the file uncompressed' refused.txt || fail "$(cat refused.txt)"
+)
+say "volumes and pictures of other programs are read, compressed ones refused"
 
 say "== Orthanc"
 store=$(mktemp -d)

@@ -51,16 +51,19 @@ def sweep(folder):
     fields, pixels = metaimage(folder / "sweep.mha")
     assert image.SOPClassUID == "1.2.840.10008.5.1.4.1.1.3.1", image.SOPClassUID
     assert numpy.array_equal(image.pixel_array, pixels), "sweep: other pixels"
-    poses = numpy.array(image.private_block(0x0009, "SONOWEAVE")[0x01].value).reshape(-1, 4, 4)
+    own = image.private_block(0x0009, "SONOWEAVE")
+    poses = numpy.frombuffer(own[0x01].value, "<f8").reshape(-1, 4, 4)
     assert len(poses) == len(pixels) == image.NumberOfFrames
     for frame, pose in enumerate(poses):
         # The sequence's fields of the same frame.
         names = [f"Seq_Frame{frame:04}_{name}Transform" for name in ("ImageToReference", "ImageToWorld", "ImageToTracker")]
         given = next(numbers(fields[name]).reshape(4, 4) for name in names if name in fields)
         assert numpy.abs(pose[:, [0, 1, 3]] - given[:, [0, 1, 3]]).max() < 1e-6, (frame, pose, given)
+    assert own[0x05].value.split("\n") == ["OK"] * len(poses)
     steps = numpy.array([float(ms) for ms in image.FrameTimeVector])
     times = numpy.array([float(fields[f"Seq_Frame{frame:04}_Timestamp"]) for frame in range(len(pixels))])
     assert numpy.abs(steps[1:] - 1e3 * numpy.diff(times)).max() < 1e-3 and steps[0] == 0
+    assert numpy.array_equal(numpy.frombuffer(own[0x03].value, "<f8"), times), "sweep: other times"
     region = image.SequenceOfUltrasoundRegions[0]
     lengths = numpy.linalg.norm(poses[0][:3, :2], axis=0)
     assert numpy.abs(numpy.array([region.PhysicalDeltaX, region.PhysicalDeltaY]) - 0.1 * lengths).max() < 1e-9
@@ -68,8 +71,22 @@ def sweep(folder):
     return image
 
 
+def read_back(folder, name):
+    """Compares a file that we have read back with the original, to the bit."""
+    (first, pixels), (back, again) = (metaimage(folder / f"{name}{end}.mha") for end in ("", "-back"))
+    assert numpy.array_equal(pixels, again), f"{name}: other pixels came back"
+    for field in ("ElementSpacing", "Offset", "TransformMatrix", "SonoweaveUnseen", "SonoweaveRange"):
+        if name != "sweep":
+            assert back[field] == first[field], (name, field, back[field], first[field])
+    for field in (field for field in first if field.endswith(("ImageToReferenceTransform", "Timestamp"))):
+        assert back[field] == first[field], (name, field, back[field], first[field])
+    print(f"{name}.dcm: read back by us, the same bits")
+
+
 def main():
     folder = Path(sys.argv[1])
+    for name in ("volume", "turned", "sweep"):
+        read_back(folder, name)
     images = [volume(folder, "volume"), sweep(folder)]
     volume(folder, "turned")
     for image in images:

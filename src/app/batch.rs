@@ -5,6 +5,7 @@
 //! therefore need no locks: two at once do the same work twice, and write the same bytes.
 
 pub(crate) mod attempt;
+pub(crate) mod card;
 pub(crate) mod child;
 pub(crate) mod done;
 pub(crate) mod folder;

@@ -4,12 +4,16 @@
 //!   sessions.
 //! - [`arrange`]: crop and orientation: maps stored pixels to written ones.
 //! - [`identity`]: fields that may identify a person; they are left out on request.
+//! - [`anonymous`]: times, words and numbers of anonymous recordings; their subject's pseudonym.
+//! - [`blacken`]: makes pixels beside the scanner's picture black.
 //! - [`placing`]: poses of a session's sensors at the times of its frames.
 //! - [`pictures`]: numbered image files as a device.
 //! - `volume`: conversion of a volume; `holes` fills its holes, and `zarr` writes it as OME-Zarr.
 //! - [`write`](mod@write): writes sequences, sessions, image files and volumes.
 
+pub mod anonymous;
 pub mod arrange;
+pub mod blacken;
 mod holes;
 pub mod identity;
 pub mod pictures;
@@ -24,6 +28,8 @@ use std::path::PathBuf;
 
 use sonoweave_core::region::ClipRect;
 
+use anonymous::Subject;
+
 /// Changes made during a conversion.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
@@ -33,8 +39,10 @@ pub struct Changes {
     pub crop: Option<ClipRect>,
     /// Orientation of the written frames; `None` leaves it unchanged.
     pub orientation: Option<String>,
-    /// Whether fields that may identify a person are left out.
+    /// Whether everything that may identify a person is left out.
     pub anonymize: bool,
+    /// The subject that an anonymous file names, by its pseudonym.
+    pub subject: Option<Subject>,
     /// Whether pixels are compressed.
     pub compressed: bool,
 }

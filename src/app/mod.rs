@@ -19,6 +19,7 @@ pub(crate) mod json;
 pub(crate) mod live;
 pub(crate) mod part;
 pub(crate) mod provenance;
+pub(crate) mod pseudonym;
 pub(crate) mod reconstruct;
 pub(crate) mod render;
 pub(crate) mod replay;

@@ -1,5 +1,6 @@
 //! `sonoweave batch`: many sweeps by a manifest, each reconstructed by a process of its own.
 
+mod card;
 mod flags;
 mod plan;
 mod run;
@@ -38,6 +39,8 @@ enum Command {
     Verify(verify::Arguments),
     /// Reconstruct failed sweeps again
     Retry(run::Arguments),
+    /// Write the card of the data set: numbers, participants, description
+    Card(card::Arguments),
 }
 
 /// Runs the command.
@@ -51,5 +54,6 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
         Command::Status(arguments) => status::run(arguments),
         Command::Verify(arguments) => verify::run(arguments, quiet),
         Command::Retry(arguments) => run::run(arguments, quiet, false),
+        Command::Card(arguments) => card::run(arguments),
     }
 }

@@ -12,20 +12,28 @@ use drivers::OpenSettings;
 use drivers::replay::{Progress, SequenceSettings, SessionSettings};
 use formats::Limits;
 use formats::image::{Container, Content, content};
+use formats::session::SessionReader;
+use mask::Clip;
 use pipeline::session::{DeviceRole, RecordedDecisions};
 use sonoweave_core::Device;
+use sonoweave_core::date::Second;
 use sonoweave_core::region::ClipRect;
 use sync::ingest::live::Gives;
 
 use super::progress::{progress, turning};
 use super::{Failure, values};
+use crate::app::convert::anonymous::Subject;
+use crate::app::convert::arrange::Arrangement;
+use crate::app::convert::blacken::{self, Blackening};
 use crate::app::convert::pictures::Pictures;
 use crate::app::convert::placing::{self, Delivered, Placing, Rules};
+use crate::app::convert::sequence::Gathered;
 use crate::app::convert::volume::Converted;
 use crate::app::convert::{Changes, sequence, write};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::live::stages::{Kept, roles};
+use crate::app::pseudonym::PseudonymKey;
 use crate::app::reconstruct::zarr::is_ome_zarr;
 use volume::VolumeFlags;
 
@@ -41,14 +49,18 @@ of each sensor for each frame. The pose is the same as in a replay: interpolated
 latencies subtracted. An arm's pose comes from its kinematics. A sequence contains no other data of the session.
 
 --anonymize keeps only the fields for position and time: transforms, their status, times, frame numbers, \
-orientation, image type and pixel spacing. It lists the fields that it leaves out. Use --crop to remove text in the \
-frames.
+orientation, image type and pixel spacing. It lists the fields that it leaves out. Times and frame numbers begin at 0. \
+Pixels beside the scanner's picture become black: outside --clip, of which --crop takes the place, or outside the \
+picture's edge if that is recognised. If it is not, nothing is written. --subject and --key write the subject's \
+pseudonym, by a secret key, and move the time of --acquired (of a session, its own) by as much for each recording of \
+the subject.
 
 Examples:
   sonoweave convert sweep.igs.mha -o sweep.seq.nrrd --compress
   sonoweave convert SESSION-20261121-213000.mcap -o sweep.igs.mha
   sonoweave convert sweep.igs.mha -o frame%04d.png --frames 10..20
   sonoweave convert frame%04d.png -o pictures.mha --rate 30
+  sonoweave convert sweep.igs.mha -o 1.igs.mha --anonymize --clip 192,16,420,580 --subject anna --key ~/study.key
   sonoweave convert volume.mha -o volume.nii.gz
   sonoweave convert volume.mha --weights weights.mha -o volume.ome.zarr
   sonoweave convert volume.ome.zarr -o filled.mha --fill gaussian --fill-radius 3")]
@@ -69,9 +81,24 @@ pub struct Arguments {
     /// Write images in this orientation (MF, UN, FM, …) [default: unchanged; for .png MF]
     #[arg(long, value_name = "CODE")]
     orientation: Option<String>,
-    /// Leave out every field that may identify the patient, the operator or the place
+    /// Leave out everything that may identify the patient, the operator or the place: fields,
+    /// pixels beside the picture, dates
     #[arg(long)]
     anonymize: bool,
+    /// Picture of an anonymous recording: a rectangle in pixels of the image in MF orientation,
+    /// all, or found in the first frames [default: what --crop keeps, else auto]
+    #[arg(long, value_name = "X,Y,W,H|auto|none", requires = "anonymize")]
+    clip: Option<Clip>,
+    /// Subject's ID, of which an anonymous file gets the pseudonym
+    #[arg(long, value_name = "ID", requires = "anonymize", requires = "key")]
+    subject: Option<String>,
+    /// Secret key of pseudonyms: a file of 32 random bytes or more, kept apart from the data
+    #[arg(long, value_name = "FILE", requires = "subject")]
+    key: Option<PathBuf>,
+    /// Time of the recording, as fourteen digits; the file gets it moved by the subject's shift
+    /// [default: a session's own, else none]
+    #[arg(long, value_name = "YYYYMMDDHHMMSS", requires = "subject", value_parser = second)]
+    acquired: Option<Second>,
     /// Compress pixels
     #[arg(long)]
     compress: bool,
@@ -101,19 +128,54 @@ fn station(text: &str) -> Result<(u8, String), String> {
     Ok((number.parse().map_err(|_| help)?, name.to_owned()))
 }
 
+fn second(text: &str) -> Result<Second, &'static str> {
+    Second::parse(text).ok_or("must be a date and time of fourteen digits, such as 20261121213000")
+}
+
 /// A finished conversion.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
-    input: &'a Path,
+    /// Absent with --anonymize, as names of files often identify a person.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    input: Option<&'a Path>,
     output: &'a Path,
     /// Content of the output, in words.
     content: &'a str,
     /// Fields that --anonymize left out.
     left_out: &'a [String],
+    /// Pixels that --anonymize made black.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blackened: Option<Blackened>,
+    /// Pseudonym of --subject.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    subject: Option<&'a str>,
+    /// Time of the recording, moved by the subject's shift.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    acquired: Option<String>,
     /// Description of the filling of holes.
     #[serde(skip_serializing_if = "Option::is_none")]
     filled: Option<&'a str>,
     notes: &'a [String],
+}
+
+/// Pixels of all frames that became black.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Blackened {
+    /// Pixels of each frame.
+    pixels: u64,
+    /// Pixels of all frames that were not black before.
+    changed: u64,
+}
+
+/// A written file.
+#[derive(Default)]
+struct Written {
+    /// Its content, in words.
+    content: String,
+    left_out: Vec<String>,
+    blackened: Option<Blackened>,
+    filled: Option<String>,
+    notes: Vec<String>,
 }
 
 /// Runs the command.
@@ -140,48 +202,93 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         crop: arguments.crop,
         orientation: arguments.orientation.clone(),
         anonymize: arguments.anonymize,
+        subject: arguments.pseudonym(is_session)?,
         compressed: arguments.compress,
     };
-    let (what, Converted { removed, filled, notes }) = match is_volume {
-        true => ("volume".to_owned(), arguments.volume(&changes)?),
-        false => arguments.recording(changes, is_session)?,
-    };
+    let subject = changes.subject.clone();
+    let made = if is_volume { arguments.volume(&changes)? } else { arguments.recording(changes, is_session)? };
+    let Written { content, left_out, blackened, filled, notes } = made;
     for note in &notes {
         eprintln!("sonoweave: note: {note}");
     }
-    print_line!("{}: {what} of {}", output.display(), input.display());
     if arguments.anonymize {
-        let names = if removed.is_empty() { "no field".to_owned() } else { removed.join(", ") };
-        print_line!("left out: {names}");
+        print_line!("{}: anonymous {content}", output.display());
+        print_line!("left out: {}", if left_out.is_empty() { "no field".to_owned() } else { left_out.join(", ") });
+    } else {
+        print_line!("{}: {content} of {}", output.display(), input.display());
+    }
+    if let Some(Blackened { pixels, changed }) = blackened {
+        print_line!("black: {pixels} pixels of each frame; {changed} of all frames were not black before");
+    }
+    if let Some(subject) = &subject {
+        let time = subject.acquired.map_or_else(String::new, |time| format!(", at {time} after the subject's shift"));
+        print_line!("subject: {}{time}", subject.pseudonym);
     }
     if let Some(filled) = &filled {
         print_line!("{filled}");
     }
     arguments.json.write(&Report {
-        input,
+        input: (!arguments.anonymize).then_some(input),
         output,
-        content: &what,
-        left_out: &removed,
+        content: &content,
+        left_out: &left_out,
+        blackened,
+        subject: subject.as_ref().map(|subject| subject.pseudonym.as_str()),
+        acquired: subject.as_ref().and_then(|subject| subject.acquired).map(|time| time.to_string()),
         filled: filled.as_deref(),
         notes: &notes,
     })
 }
 
 impl Arguments {
-    fn volume(&self, changes: &Changes) -> Result<Converted, Failure> {
-        if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
+    /// Returns the subject of an anonymous file, under its pseudonym.
+    fn pseudonym(&self, is_session: bool) -> Result<Option<Subject>, Failure> {
+        let (Some(subject), Some(key)) = (&self.subject, &self.key) else { return Ok(None) };
+        let key = PseudonymKey::read(key)?;
+        let acquired = match self.acquired {
+            None if is_session => {
+                Some(Second::of_unix_ns(SessionReader::open(&self.input, &Limits::default())?.about().realtime_ns))
+            }
+            given => given,
+        };
+        let shifted = acquired.map(|time| {
+            let early =
+                || Failure::usage(format!("--acquired {time}: is too early to be moved; give the recording's time"));
+            key.shifted(subject, time).ok_or_else(early)
+        });
+        Ok(Some(Subject { pseudonym: key.pseudonym("subject", subject), acquired: shifted.transpose()? }))
+    }
+
+    fn volume(&self, changes: &Changes) -> Result<Written, Failure> {
+        let is_clipped = self.crop.is_some() || self.clip.is_some();
+        if self.frames.is_some() || is_clipped || self.orientation.is_some() || !self.stations.is_empty() {
             fail!(
-                "{}: is a volume; leave out --frames, --crop, --orientation and --station, which are for recordings",
+                "{}: is a volume; leave out --frames, --crop, --clip, --orientation and --station, which are for recordings",
                 self.input.display()
             );
         }
         self.check_pixels()?;
-        self.volume.run(&self.input, &self.output, changes)
+        let Converted { removed, filled, notes } = self.volume.run(&self.input, &self.output, changes)?;
+        Ok(Written { content: "volume".into(), left_out: removed, filled, notes, ..Written::default() })
     }
 
-    /// Converts a recording. Returns a description of the output, and the fields that were left
-    /// out.
-    fn recording(&self, mut changes: Changes, is_session: bool) -> Result<(String, Converted), Failure> {
+    /// Returns the pixels that an anonymous recording makes black.
+    fn blackening(&self, gathered: &Gathered, is_session: bool) -> Result<Option<Blackening>, Failure> {
+        // A crop leaves nothing beside the picture.
+        let is_cropped = self.crop.is_some() && self.clip.is_none();
+        if !self.anonymize || is_cropped || gathered.arrangement.is_none() {
+            return Ok(None);
+        }
+        let (size, orientation) = &gathered.stored;
+        let within = |why: String| Failure::new(format!("{}: {why}", self.input.display()));
+        let mf = Arrangement::new(*size, orientation, None, Some("MF")).map_err(within)?.size;
+        let mut device = self.open(is_session, true)?;
+        let mask = blacken::find(&mut *device, &self.input, mf, self.clip.unwrap_or_default())?;
+        Blackening::new(&mask, *size, orientation).map(Some).map_err(within)
+    }
+
+    /// Converts a recording.
+    fn recording(&self, mut changes: Changes, is_session: bool) -> Result<Written, Failure> {
         if self.volume.are_given() {
             fail_usage!(
                 "{}: is a recording; leave out --weights, --write-weights, --fill and --seen-label, which are for \
@@ -215,6 +322,7 @@ impl Arguments {
         if let Some(arrangement) = &gathered.arrangement {
             arrangement.turn_spacing(&mut gathered.header.fields);
         }
+        gathered.blackening = self.blackening(&gathered, is_session)?;
         let count = gathered.header.items.len();
         let bar = progress("converting", count as u64);
         let progress = |done| bar.set_position(done);
@@ -230,7 +338,9 @@ impl Arguments {
             format!("sequence of {count} frames")
         };
         bar.finish_and_clear();
-        Ok((what, Converted { removed: gathered.removed, ..Converted::default() }))
+        let black = |black: &Blackening| Blackened { pixels: black.in_a_frame(), changed: black.changed() };
+        let blackened = gathered.blackening.as_ref().map(black);
+        Ok(Written { content: what, left_out: gathered.removed, blackened, ..Written::default() })
     }
 
     /// Reads the session's sensor poses, by its own configuration if it holds one.

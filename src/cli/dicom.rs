@@ -13,21 +13,24 @@ use drivers::OpenSettings;
 use drivers::replay::SequenceSettings;
 use export::ExportError;
 use export::dicom::Identifiers;
-use export::dicom::sweep::Sweep;
+use export::dicom::sweep::{Sweep, SweepFrame};
 use export::dicom::volume::VolumeImage;
 use export::volume::Scalar;
 use formats::Limits;
 use formats::image::{Content, content};
-use sonoweave_core::Next;
-use sonoweave_core::reading::PixelType;
+use sonoweave_core::reading::{NamedTransform, PixelType, Status};
 use sonoweave_core::slice::Pixels;
-use sync::ingest::{Ingest, Sample};
+use sonoweave_core::{Next, Reading};
+use sync::Survey;
+use sync::graph::Edge;
+use sync::ingest::{Ingest, Picture, Sample};
 use sync::survey;
 use sync::survey::SurveyError;
 use volume::dense::UNSEEN_FIELD;
 use volume::{DenseVolume, Values};
 
 use super::{Failure, values};
+use crate::app::convert::identity;
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::reconstruct::filling::advised;
@@ -41,8 +44,8 @@ const FRAME_FIELD: &str = "SonoweaveFrame";
 /// Flags of `dicom`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
-A sweep becomes an ultrasound multi-frame image (8 bits), with the frames' times and with poses in private elements. \
-Its pixel size comes from the calibration, if given. A volume becomes an enhanced ultrasound volume (8 or 16 bits), \
+A sweep becomes an ultrasound multi-frame image (8 bits), with the frames' times and with poses in private elements, \
+from which all commands read it back as a sequence. Its pixel size comes from the calibration, if given. A volume becomes an enhanced ultrasound volume (8 or 16 bits), \
 with the position of each plane. Unseen voxels keep their value. Files from one recording with the same identifiers \
 belong to one study. The same input gives the same bytes.
 
@@ -145,7 +148,8 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
     let world =
         field(&header.fields, FRAME_FIELD).and_then(|text| text.split_once(" (")).map_or("World", |(name, _)| name);
     let grid = volume.grid();
-    let image = VolumeImage { grid: &grid, scalar, unseen, recording: &recording, world, identifiers };
+    let fields = &identity::numeric(&header.fields);
+    let image = VolumeImage { grid: &grid, scalar, unseen, recording: &recording, world, fields, identifiers };
     let mut weights = vec![0.0; grid.size[0] as usize];
     let written = image.write(output, |y, z, row| {
         volume.values(volume.index([0, y as i64, z as i64]), row, &mut weights);
@@ -174,27 +178,31 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
         Err(SurveyError::NoPath(_)) if arguments.config.is_none() && arguments.world.is_none() => None,
         Err(error) => return Err(within(error.to_string())),
     };
-    let mut sweep = Frames::default();
+    let mut sweep = Frames::new(placed.as_ref());
     let mut device = open(true)?;
     let mut ingest = Ingest::new();
     device.start()?;
     loop {
         match device.next(sonoweave_core::NO_DEADLINE)? {
-            Next::Reading(reading) => match ingest.take(reading) {
-                Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
-                    sweep
-                        .add(picture.head.stamp.item, picture.head.time_ns, &picture.image)
-                        .map_err(|e| within(e.0.sentence))?;
+            Next::Reading(reading) => {
+                let number = if let Reading::Frame(frame) = &reading { frame.frame_number } else { None };
+                match ingest.take(reading) {
+                    Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
+                        sweep.add(&picture, number).map_err(|e| within(e.0.sentence))?;
+                    }
+                    Sample::Refused(refusal) if frames.contains(&refusal.item) => {
+                        return Err(within(refusal.to_string()));
+                    }
+                    Sample::Transform(transform) => sweep.transform(&transform),
+                    _ => {}
                 }
-                Sample::Refused(refusal) if frames.contains(&refusal.item) => return Err(within(refusal.to_string())),
-                _ => {}
-            },
+            }
             Next::Pending => {}
             Next::End => break,
         }
     }
     device.stop()?;
-    sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0.sentence))
+    sweep.write(output, &input::hash(input)?, identifiers).map_err(|e| within(e.0.sentence))
 }
 
 /// Adds the flag that helps to the error of a sweep's export.
@@ -204,23 +212,53 @@ fn shorter(error: ExportError) -> Failure {
 }
 
 /// Frames of a sweep, in order.
-#[derive(Default)]
-struct Frames {
+struct Frames<'a> {
+    /// Poses of the frames, if the sequence leads to a world.
+    placed: Option<&'a Survey>,
     size: [u32; 2],
-    items: Vec<u64>,
-    times_ns: Vec<i64>,
+    frames: Vec<SweepFrame>,
     pixels: Vec<u8>,
+    /// Frame of the last transform that the source declared invalid, and its word.
+    invalid: Option<(u64, String)>,
 }
 
-impl Frames {
-    fn add(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), Failure> {
+impl<'a> Frames<'a> {
+    fn new(placed: Option<&'a Survey>) -> Self {
+        Self { placed, size: [0, 0], frames: Vec::new(), pixels: Vec::new(), invalid: None }
+    }
+
+    /// Notes a transform on the way from the image to the world, if its source declared it invalid.
+    fn transform(&mut self, transform: &NamedTransform) {
+        let Some(survey) = self.placed else { return };
+        let is_on_way = survey.route.steps.iter().any(|step| match step.edge {
+            Edge::PerFrame(at) => survey.names[at].0 == transform.from && survey.names[at].1 == transform.to,
+            Edge::Static(_) => false,
+        });
+        if let (true, Status::Other(word)) = (is_on_way, &transform.status) {
+            self.invalid = Some((transform.stamp.item, word.to_string()));
+        }
+    }
+
+    /// Returns a frame's pose; a word if it has none.
+    fn pose(&self, item: u64) -> Result<[f64; 16], String> {
+        let poses = self.placed.map_or(&[][..], |survey| &survey.poses);
+        if let Ok(at) = poses.binary_search_by_key(&item, |pose| pose.item) {
+            return Ok(glam::DMat4::from(poses[at].world_from_image.affine()).transpose().to_cols_array());
+        }
+        let invalid = self.invalid.as_ref().filter(|(of, _)| *of == item);
+        Err(invalid.map_or_else(|| "MISSING".to_owned(), |(_, word)| word.clone()))
+    }
+
+    fn add(&mut self, picture: &Picture, number: Option<u64>) -> Result<(), Failure> {
+        let (image, stamp) = (&picture.image, picture.head.stamp);
+        let item = stamp.item;
         let Pixels::U8(pixels) = image.pixels() else {
             fail!(
                 "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow; give a recording of 8 bits"
             );
         };
         let size = [image.width(), image.height()];
-        if self.items.is_empty() {
+        if self.frames.is_empty() {
             self.size = size;
         } else if self.size != size {
             fail!(
@@ -229,51 +267,37 @@ impl Frames {
             );
         }
         // Checks the size before memory is allocated.
-        Sweep::bytes(self.items.len() as u64 + 1, size).map_err(shorter)?;
-        self.items.push(item);
-        self.times_ns.push(time_ns);
+        Sweep::bytes(self.frames.len() as u64 + 1, size).map_err(shorter)?;
+        let frame = SweepFrame { time_ns: picture.head.time_ns, stamp, number, pose: self.pose(item) };
+        self.frames.push(frame);
         self.pixels.extend_from_slice(pixels);
         Ok(())
     }
 
-    fn write(
-        &self,
-        placed: Option<&sync::Survey>,
-        output: &Path,
-        recording: &str,
-        identifiers: &Identifiers,
-    ) -> Result<String, Failure> {
-        let poses: Option<Vec<[f64; 16]>> = placed.map(|survey| {
-            let place = |item: &u64| {
-                let at = survey.poses.binary_search_by_key(item, |pose| pose.item).ok()?;
-                let columns = glam::DMat4::from(survey.poses[at].world_from_image.affine()).transpose();
-                Some(columns.to_cols_array())
-            };
-            self.items.iter().map(|item| place(item).unwrap_or([f64::NAN; 16])).collect()
-        });
-        let pixel_mm = placed
+    fn write(&self, output: &Path, recording: &str, identifiers: &Identifiers) -> Result<String, Failure> {
+        let pixel_mm = self
+            .placed
             .and_then(|survey| survey.poses.first())
             .map(|pose| [DVec3::X, DVec3::Y].map(|axis| pose.world_from_image.vector(axis).length()));
         let sweep = Sweep {
             size: self.size,
             pixels: &self.pixels,
-            times_ns: &self.times_ns,
-            poses: poses.as_deref(),
+            frames: &self.frames,
             pixel_mm,
             recording,
-            world: placed.map_or("", |survey| survey.route.world()),
+            world: self.placed.map_or("", |survey| survey.route.world()),
             identifiers,
         };
         sweep.write(output).map_err(shorter)?;
         let [width, height] = self.size;
-        let place = placed.map_or_else(
+        let place = self.placed.map_or_else(
             || "without poses".to_owned(),
             |survey| {
-                let known =
-                    self.items.iter().filter(|item| survey.poses.binary_search_by_key(item, |p| &p.item).is_ok());
-                format!("{} of them placed in {}", known.count(), survey.route.world())
+                let known = self.frames.iter().filter(|frame| frame.pose.is_ok()).count();
+                format!("{known} of them placed in {}", survey.route.world())
             },
         );
-        Ok(format!("{} frames of {width}×{height} pixels, {place}, an ultrasound multi-frame image", self.items.len()))
+        let count = self.frames.len();
+        Ok(format!("{count} frames of {width}×{height} pixels, {place}, an ultrasound multi-frame image"))
     }
 }

@@ -77,7 +77,8 @@ const CONVERSION: &[(&str, &[&str])] = &[
     ("Image data", &["frames", "crop", "orientation"]),
     ("Sequences", &["station", "rate"]),
     ("Volumes", &["weights", "write-weights", "fill", "fill-radius", "seen-label", "max-memory"]),
-    ("Outputs", &["json", "compress", "anonymize"]),
+    ("Outputs", &["json", "compress"]),
+    ("Anonymous files", &["anonymize", "clip", "subject", "key", "acquired"]),
 ];
 
 /// Commands of `calibrate` with many flags, and those that `-h` shows.

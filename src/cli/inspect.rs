@@ -4,6 +4,7 @@ mod configuration;
 mod histograms;
 mod sequence;
 pub(super) mod session;
+mod sidecar;
 pub(in crate::cli) mod text;
 mod volume;
 
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
+use config::Settings as Config;
 use formats::Limits;
 use formats::image::{Content, content};
 
@@ -38,19 +40,27 @@ of a session.
 
 Examples:
   sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
+  sonoweave inspect sweep.igs.mha --config probe.toml --preset 4cm --sidecar sub-01_run-01_sweep.json
   sonoweave inspect SESSION-20261121-213000.mcap --json")]
 pub struct Arguments {
-    /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .ome.zarr), session
-    /// (.mcap), our calibration TOML or a PLUS XML
+    /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .dcm, .ome.zarr),
+    /// session (.mcap), our calibration TOML or a PLUS XML
     file: PathBuf,
     #[command(flatten)]
     json: JsonFlag,
     /// Place a sequence's images with this calibration: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Preset of the calibration file, for the scanner's depth
+    #[arg(long, value_name = "NAME", requires = "config")]
+    preset: Option<String>,
     /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     world: Option<String>,
+    /// Write a sequence's facts for an archive: frames, rate, transforms, latencies, the
+    /// calibration's hash and error; no name of a file
+    #[arg(long, value_name = "FILE.json")]
+    sidecar: Option<PathBuf>,
     /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of either's
     /// unseen value (0 if it notes none) do not count
     #[arg(long, value_name = "VOL.mha")]
@@ -102,8 +112,12 @@ impl Arguments {
     fn report(&self) -> Result<Report, Failure> {
         let path = &self.file;
         let kind = kind(path)?;
-        if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
-            fail!("{}: is not a sequence; leave out --config and --world, which are for sequences", path.display());
+        let is_placed = self.config.is_some() || self.world.is_some() || self.sidecar.is_some();
+        if !matches!(kind, Kind::Sequence) && is_placed {
+            fail!(
+                "{}: is not a sequence; leave out --config, --world and --sidecar, which are for sequences",
+                path.display()
+            );
         }
         let flag = self.against.as_ref().map(|_| "--against").or(self.weights.as_ref().map(|_| "--weights"));
         if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
@@ -112,7 +126,16 @@ impl Arguments {
         Ok(match kind {
             Kind::Session => Report::Session(Box::new(SessionReport::read(path)?)),
             Kind::Sequence => {
-                let report = SequenceReport::read(path, self.config.as_deref(), self.world.as_deref())?;
+                if let Some(sidecar) = &self.sidecar {
+                    input::check_output(sidecar)?;
+                    input::check_is_not(sidecar, path)?;
+                }
+                let config = self.config.as_deref().map(|path| Config::read(path, self.preset.as_deref()));
+                let config = config.transpose()?;
+                let report = SequenceReport::read(path, config.clone().unwrap_or_default(), self.world.as_deref())?;
+                if let Some(sidecar) = &self.sidecar {
+                    sidecar::write(sidecar, &report, self.config.as_deref().zip(config.as_ref()))?;
+                }
                 Report::Sequence(Box::new(report))
             }
             Kind::Volume => {
@@ -147,7 +170,8 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     let has = |keys: &[&str]| text.lines().map(str::trim).any(|line| keys.iter().any(|key| begins(line, key)));
     // NIfTI's first bytes in either byte order, and gzip's: only volumes are compressed whole.
     let nifti = [&b"\x5c\x01\0\0"[..], b"\0\0\x01\x5c", b"\x1f\x8b"].iter().any(|magic| head.starts_with(magic));
-    if nifti || text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
+    let dicom = head.get(128..132) == Some(b"DICM");
+    if nifti || dicom || text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
         return Ok(match content(path, &Limits::default())? {
             Content::Sequence => Kind::Sequence,
             Content::Volume => Kind::Volume,
@@ -161,7 +185,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
     Err(Failure::new(format!(
         "{}: is of no known kind: neither MetaImage (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, \
-        NIfTI, a session, a configuration or calibration of sonoweave, nor XML; give one of these",
+        NIfTI, DICOM, a session, a configuration or calibration of sonoweave, nor XML; give one of these",
         path.display(),
         head.len()
     ))

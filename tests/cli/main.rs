@@ -3,9 +3,11 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 mod again;
+mod anonymize;
 mod arm;
 mod arm_sessions;
 mod batch;
+mod batch_card;
 mod batch_kills;
 mod calibrate;
 mod chain;
@@ -16,6 +18,7 @@ mod daemon;
 mod demo;
 mod devices;
 mod dicom;
+mod dicom_in;
 mod doctor;
 mod drawing;
 mod failures;

@@ -348,7 +348,7 @@ fn files_of_other_kinds_are_named_as_such() {
     place.put("binary.mha", [7, 0, 1, 10, 3]);
     place.put("page.mha", "<html></html>\n");
     place.put("setting.mha", "format = \"sonoweave-calibration\"\nversion = 1\n[image]\n");
-    let images = "give one in MetaImage, NRRD or NIfTI";
+    let images = "give one in MetaImage, NRRD, NIfTI or DICOM";
     for (name, kind) in [
         ("empty", "is empty; copy or record it again"),
         ("text", "is a text and no image file"),

@@ -139,7 +139,7 @@ pub enum NoImage {
     #[error("is empty; copy or record it again")]
     Empty,
     /// A file of another kind, in words.
-    #[error("is {0} and no image file; give one in MetaImage, NRRD or NIfTI")]
+    #[error("is {0} and no image file; give one in MetaImage, NRRD, NIfTI or DICOM")]
     Foreign(&'static str),
 }
 

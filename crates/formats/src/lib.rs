@@ -1,6 +1,6 @@
 //! Files: image sequences and volumes, and recorded sessions.
 //!
-//! - [`image`]: MetaImage, NRRD and NIfTI, read and written.
+//! - [`image`]: MetaImage, NRRD and NIfTI, read and written; DICOM, read.
 //! - [`session`]: the readings, decisions and notes of a session, as MCAP.
 //! - [`whole`]: files that appear whole or not at all.
 //!

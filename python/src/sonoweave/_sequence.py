@@ -69,7 +69,7 @@ class Sequence:
         Parameters
         ----------
         path : path
-            Tracked sequence (.mha, .mhd, .nrrd, .nhdr) or session (.mcap).
+            Tracked sequence (.mha, .mhd, .nrrd, .nhdr, .dcm) or session (.mcap).
         config : path, optional
             Calibration: our TOML or a PLUS XML. For a session: another session configuration
             than the recorded one, our TOML.

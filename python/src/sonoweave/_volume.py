@@ -70,7 +70,7 @@ class Volume:
         Parameters
         ----------
         path : path
-            File (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz) or OME-Zarr folder (.ome.zarr).
+            File (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .dcm) or OME-Zarr folder (.ome.zarr).
         weights : path, optional
             File of its weights; an OME-Zarr folder holds them itself.
         memory : float or str, optional

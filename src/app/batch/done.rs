@@ -74,6 +74,14 @@ fn brief(folder: &RunFolder, sweep: &Planned) -> Option<Brief> {
     (brief.key == sweep.key && has_files).then_some(brief)
 }
 
+/// Returns the account of a sweep that is done; `None` for others.
+pub(crate) fn read(folder: &RunFolder, sweep: &Planned) -> Option<Done> {
+    if !is_done(folder, sweep) {
+        return None;
+    }
+    serde_json::from_slice(&fs::read(folder.sweep(&sweep.id).join(NAME)).ok()?).ok()
+}
+
 /// Whether a sweep is done: its account has the key, and its files have their lengths.
 pub(crate) fn is_done(folder: &RunFolder, sweep: &Planned) -> bool {
     time_s(folder, sweep).is_some()

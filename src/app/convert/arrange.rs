@@ -57,6 +57,11 @@ impl Arrangement {
         Ok(Self { size, orientation: wanted.to_owned(), transposed, places: Some(places) })
     }
 
+    /// Returns the index of the stored pixel for a requested one.
+    pub fn stored(&self, requested: u32) -> u32 {
+        self.places.as_ref().map_or(requested, |places| places[requested as usize])
+    }
+
     /// Exchanges the pixel spacings in a file's fields if the axes are exchanged.
     pub fn turn_spacing(&self, fields: &mut [(String, String)]) {
         let spacing = fields.iter_mut().filter(|(name, _)| self.transposed && name == ELEMENT_SPACING);

@@ -39,6 +39,11 @@ pub fn leave_out(fields: &mut Vec<(String, String)>, removed: &mut Vec<String>) 
     });
 }
 
+/// Returns our own fields of a volume that identify nobody.
+pub fn numeric(fields: &[(String, String)]) -> Vec<(String, String)> {
+    fields.iter().filter(|(name, _)| NUMBERS.contains(&&**name) && name.starts_with("Sonoweave")).cloned().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -16,9 +16,11 @@ use sonoweave_core::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
 use sonoweave_core::{Device, Next, Reading};
 use sync::history::{Rigid, Unavailable};
 
+use super::anonymous::Subject;
 use super::arrange::Arrangement;
+use super::blacken::Blackening;
 use super::placing::Placing;
-use super::{Changes, ConvertError, identity};
+use super::{Changes, ConvertError, anonymous, identity};
 
 /// Frame field with the host's time of receipt, ns.
 pub const HOST_FIELD: &str = "SonoweaveHostNs";
@@ -32,6 +34,12 @@ pub struct Gathered {
     pub header: SequenceHeader,
     /// Rearrangement of each frame; `None` without pixels.
     pub arrangement: Option<Arrangement>,
+    /// Size and orientation of the stored frames.
+    pub stored: ([u32; 2], String),
+    /// Whether times, words and numbers of the items replace those of the frames.
+    pub anonymous: bool,
+    /// Pixels that become black, before the rearrangement.
+    pub blackening: Option<Blackening>,
     /// The first frame that is taken; as many follow as the header has items.
     pub first: u64,
     /// Names of the fields that were left out.
@@ -81,7 +89,7 @@ pub fn gather(
         }
     }
     device.stop()?;
-    let Walk { mut items, shape, orientation, image_type, numbers, .. } = walk;
+    let Walk { mut items, shape, orientation, mut image_type, numbers, .. } = walk;
     let Some(Shape { size, pixel, channels }) = shape else {
         return Err(unfit("holds no frames to write as a sequence".into()));
     };
@@ -102,7 +110,12 @@ pub fn gather(
     if changes.anonymize {
         identity::leave_out(&mut fields, &mut removed);
         items.iter_mut().for_each(|item| identity::leave_out(&mut item.fields, &mut removed));
+        anonymous::clean(&mut items);
+        anonymous::check_orientation(&orientation).map_err(unfit)?;
+        image_type = anonymous::image_type(image_type);
+        fields.extend(changes.subject.iter().flat_map(Subject::fields));
     }
+    let stored = (size, orientation.clone());
     let images = size != [0, 0];
     let arrangement = if images {
         Some(Arrangement::new(size, &orientation, changes.crop, changes.orientation.as_deref()).map_err(unfit)?)
@@ -128,7 +141,7 @@ pub fn gather(
         fields,
         items,
     };
-    Ok(Gathered { header, arrangement, first, removed })
+    Ok(Gathered { header, arrangement, stored, anonymous: changes.anonymize, blackening: None, first, removed })
 }
 
 impl Walk {

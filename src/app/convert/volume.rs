@@ -7,6 +7,7 @@ use export::fill::Filling;
 use formats::image::{VolumeReader, VolumeSlices};
 use volume::dense::checked_grid;
 
+use super::anonymous::Subject;
 use super::holes::Holes;
 use super::{Changes, identity, write, zarr};
 use crate::app::input;
@@ -116,6 +117,7 @@ impl VolumeRequest<'_> {
         let mut header = values.header().clone();
         if self.changes.anonymize {
             identity::leave_out(&mut header.fields, &mut converted.removed);
+            header.fields.extend(self.changes.subject.iter().flat_map(Subject::fields));
         }
         header.compressed = self.changes.compressed;
         if is_ome_zarr(self.output) {
@@ -139,7 +141,8 @@ impl VolumeRequest<'_> {
     /// and the least and the greatest value.
     fn content_key(&self) -> Result<zarr::Key, Failure> {
         let VolumeInput { mut values, mut weights } = VolumeInput::open_with(self.input, self.weights)?;
-        let settings = format!("{:?} {} {}", self.filling, self.label, self.changes.anonymize);
+        let settings =
+            format!("{:?} {} {} {:?}", self.filling, self.label, self.changes.anonymize, self.changes.subject);
         let weights = weights.as_mut().map(|weights| &mut **weights as &mut dyn VolumeSlices);
         zarr::Key::of(self.input, &mut *values, weights, &settings)
     }

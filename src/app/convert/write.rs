@@ -2,6 +2,7 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use export::picture::write_stored;
 use formats::image::write::{SequenceWriter, VolumeWriter};
@@ -140,6 +141,9 @@ fn each(
             Next::Reading(Reading::Frame(mut frame)) => {
                 if number >= gathered.first {
                     let n = number - gathered.first;
+                    if let Some(blackening) = &gathered.blackening {
+                        blackening.apply(Arc::make_mut(&mut frame.pixels), bytes);
+                    }
                     if let Some(arrangement) = &gathered.arrangement {
                         if let Some(pixels) = arrangement.apply(&frame.pixels, bytes) {
                             frame.pixels = pixels.into();
@@ -147,6 +151,11 @@ fn each(
                         (frame.size, frame.orientation) = (arrangement.size, arrangement.orientation.clone().into());
                     }
                     let item = &header.items[n as usize];
+                    if gathered.anonymous {
+                        frame.stamp = Stamp { item: n, ..item.stamp };
+                        (frame.frame_number, frame.status) = (item.frame_number, item.status.clone());
+                        frame.image_type = header.image_type.clone();
+                    }
                     frame.fields = item.fields.iter().filter(|(name, _)| name != HOST_FIELD).cloned().collect();
                     // A time of receipt that once came from a session goes into the new session.
                     let noted = item.fields.iter().find(|(name, _)| name == HOST_FIELD);

@@ -24,6 +24,7 @@ use super::filling::{self, advised};
 use super::origin::Origin;
 use super::sweep::Sweep;
 use super::zarr::{Description, Target, is_ome_zarr};
+use crate::app::convert::identity;
 use crate::app::input;
 use crate::app::json::document;
 use crate::app::provenance::Made;
@@ -271,7 +272,7 @@ impl Request {
                     target.write(writer.shards(), volume, None)?;
                     target.finish(writer)?;
                 } else if input::is_dicom(path) {
-                    self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
+                    self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world, &fields))?;
                 } else {
                     write_values(volume, &space, path, encoding, &fields).map_err(advised)?;
                 }
@@ -311,12 +312,13 @@ impl Request {
         space: &DenseBox,
         path: &Path,
         encoding: &Encoding,
-        (recording, world): (&str, &str),
+        (recording, world, fields): (&str, &str, &[(String, String)]),
     ) -> Result<(), Failure> {
         let identifiers = &self.options.identifiers;
         identifiers.check()?;
         let Encoding { scalar, unseen, .. } = *encoding;
-        let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, identifiers };
+        let fields = &identity::numeric(fields);
+        let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, fields, identifiers };
         let mut weights = vec![0.0; usize::try_from(space.grid.size[0]).unwrap_or(0)];
         image.check().map_err(advised)?;
         let written = image.write(path, |y, z, row| {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use serde::Serialize;
+use serde_json::{Map, Value, json};
 
 use config::Settings as Config;
 use drivers::OpenSettings;
@@ -149,8 +150,7 @@ struct Placement {
 }
 
 impl SequenceReport {
-    pub(super) fn read(path: &Path, config: Option<&Path>, world: Option<&str>) -> Result<Self, Failure> {
-        let config = config.map(|path| Config::read(path, None)).transpose()?.unwrap_or_default();
+    pub(super) fn read(path: &Path, config: Config, world: Option<&str>) -> Result<Self, Failure> {
         let settings = OpenSettings::Sequence(SequenceSettings { images: false, ..SequenceSettings::new(path) });
         let mut device = drivers::open(&settings)?;
         let description = device.describe().clone();
@@ -205,6 +205,28 @@ impl SequenceReport {
             placement,
             histograms,
         })
+    }
+
+    /// Returns the facts for a side file: frames, times, devices' frames and place.
+    pub(super) fn recording(&self) -> Map<String, Value> {
+        let time = self.time.as_ref();
+        let names: Vec<&str> = self.transforms.iter().map(|transform| transform.name.as_str()).collect();
+        let facts = json!({
+            "Frames": self.items,
+            "ImageSize": self.picture.as_ref().map(|picture| picture.size),
+            "ImageOrientation": self.orientation,
+            "DurationS": time.map(|time| time.duration_s),
+            "FrameRateHz": time.and_then(|time| time.rate_hz),
+            "Transforms": names,
+            "Route": self.placement.route,
+            "World": self.placement.world,
+            "PixelMm": self.placement.pixel_mm,
+            "SweepMm": self.placement.sweep_mm,
+            "FramesWithPose": self.placement.ledger.frames.used,
+        });
+        let Value::Object(mut facts) = facts else { return Map::new() };
+        facts.retain(|_, value| !value.is_null());
+        facts
     }
 
     pub(super) fn write(&self, text: &mut Text) {

@@ -29,6 +29,11 @@ pub(super) fn decimal(value: f64) -> String {
     texts.into_iter().find(|text| text.len() <= DECIMALS).unwrap_or(shortest)
 }
 
+/// Formats numbers as the value of several decimal strings.
+pub(super) fn decimals(values: &[f64]) -> String {
+    values.iter().copied().map(decimal).collect::<Vec<_>>().join("\\")
+}
+
 impl Dataset {
     pub(super) fn new() -> Self {
         Self(InMemDicomObject::new_empty())
@@ -46,8 +51,7 @@ impl Dataset {
 
     /// Adds an element of several decimal strings.
     pub(super) fn decimals(self, tag: Tag, values: impl IntoIterator<Item = f64>) -> Self {
-        let texts: Vec<String> = values.into_iter().map(decimal).collect();
-        self.put(tag, VR::DS, texts.join("\\"))
+        self.put(tag, VR::DS, decimals(&values.into_iter().collect::<Vec<_>>()))
     }
 
     /// Adds an element of several doubles.

@@ -1,5 +1,7 @@
 //! Identifiers of the patient and the study: only what the user gives.
 
+use sonoweave_core::date::Second;
+
 use super::ExportError;
 
 /// Largest number of characters of a description or an identifier (value representation LO), and
@@ -62,7 +64,7 @@ impl Identifiers {
                 return Err(ExportError::Identifier { what: "study UID", given: uid.clone(), problem });
             }
         }
-        if let Some(acquired) = self.acquired.as_ref().filter(|text| !is_date_time(text)) {
+        if let Some(acquired) = self.acquired.as_ref().filter(|text| Second::parse(text).is_none()) {
             let problem = "is no date and time; give fourteen digits such as 20261121213000";
             return Err(ExportError::Identifier { what: "time of acquisition", given: acquired.clone(), problem });
         }
@@ -73,20 +75,4 @@ impl Identifiers {
     pub(super) fn acquired(&self) -> (&str, &str) {
         self.acquired.as_deref().unwrap_or("19000101000000").split_at(8)
     }
-}
-
-fn is_date_time(text: &str) -> bool {
-    if text.len() != 14 || !text.bytes().all(|b| b.is_ascii_digit()) {
-        return false;
-    }
-    let part = |from: usize, to: usize| text[from..to].parse::<u32>().unwrap_or(u32::MAX);
-    let (year, month) = (part(0, 4), part(4, 6));
-    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
-    let days = match month {
-        2 => 28 + u32::from(is_leap),
-        4 | 6 | 9 | 11 => 30,
-        _ => 31,
-    };
-    let is_date = (1..=12).contains(&month) && (1..=days).contains(&part(6, 8)) && year >= 1;
-    is_date && part(8, 10) < 24 && part(10, 12) < 60 && part(12, 14) < 60
 }

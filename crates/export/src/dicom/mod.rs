@@ -4,6 +4,7 @@
 //!   the volume's frame of reference.
 //! - [`sweep`]: a sweep as Ultrasound Multi-frame Image Storage, with the time of each frame,
 //!   and its pose in a private element.
+//! - `block`: our private elements, which `formats` reads.
 //! - [`identifiers`]: identifiers of the patient and the study: only what the user gives.
 //! - `uid`: unique identifiers, derived from the content.
 //! - `dataset`: modules common to both, and the writing of files.
@@ -25,6 +26,9 @@
 //! common module, so that an archive can filter by it. Image Comments (0020,4000) give the
 //! program's notice in words, which viewers show. Both are optional attributes of all images.
 //!
+//! **Read back.** Private elements hold what the standard's attributes would round: poses, times
+//! and the volume's place as doubles, the status of poses, and the volume's numeric fields.
+//!
 //! **Unseen voxels.** DICOM has no weights. Unseen voxels have the value that the export gives
 //! them (0 by default), and the image's comments give it. There is no pixel padding value,
 //! because seen voxels can have that value, too.
@@ -36,6 +40,7 @@ pub mod identifiers;
 pub mod sweep;
 pub mod volume;
 
+mod block;
 mod dataset;
 mod uid;
 

@@ -1,18 +1,20 @@
 //! A sweep as Ultrasound Multi-frame Image Storage (DICOM PS3.3 A.7).
 //!
-//! Such images have no position in space. The frames' poses are in private elements of the
-//! creator SONOWEAVE. Element (0009,1001) holds doubles, sixteen a frame, row by row: the matrix
-//! from a pixel (column, row, 0, 1) to mm of the world, NaN if the frame has no pose. Element
-//! (0009,1002) holds the world's name.
+//! Such images have no position in space. The frames' poses, their status, times and numbers are
+//! in private elements ([`formats::image::dicom::private`]), from which the sequence is read back
+//! to the bit.
 
 use std::path::Path;
 
-use dicom_core::{PrimitiveValue, Tag, VR};
+use dicom_core::{PrimitiveValue, VR};
 use dicom_dictionary_std::{tags, uids};
 
+use formats::image::dicom::private;
 use sonoweave_core::NOTICE;
+use sonoweave_core::reading::Stamp;
 
-use super::dataset::{Dataset, Image, Pixels, write};
+use super::block::PrivateBlock;
+use super::dataset::{Dataset, Image, Pixels, decimals, write};
 use super::{ExportError, Identifiers, bytes, edges};
 
 /// Advice for a sweep that is too long.
@@ -22,12 +24,21 @@ const CROPPED: &str = "crop the frames";
 /// Physical units of a region: cm.
 const CENTIMETRES: u16 = 3;
 
-/// Creator of the block of private elements from (0009,1000) on.
-const CREATOR: Tag = Tag(0x0009, 0x0010);
-/// The frames' poses.
-const POSES: Tag = Tag(0x0009, 0x1001);
-/// The name of the world.
-const WORLD: Tag = Tag(0x0009, 0x1002);
+/// Largest length of an attribute of decimal strings, bytes: it is stored in 16 bits, and even.
+const LONGEST: usize = 0xfffe;
+
+/// A frame's data beside its pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepFrame {
+    /// Acquisition time, ns.
+    pub time_ns: i64,
+    /// The source's times.
+    pub stamp: Stamp,
+    /// The source's number of the frame.
+    pub number: Option<u64>,
+    /// Matrix from pixels to mm of the world, row by row; the source's word if it has no pose.
+    pub pose: Result<[f64; 16], String>,
+}
 
 /// A sweep to be written.
 #[derive(Debug, Clone, Copy)]
@@ -37,16 +48,13 @@ pub struct Sweep<'a> {
     /// Grey levels of all frames, frame after frame, in MF orientation: u (to the right)
     /// fastest.
     pub pixels: &'a [u8],
-    /// Acquisition time of each frame, ns.
-    pub times_ns: &'a [i64],
-    /// Matrices from pixels to mm of the world, row by row, one a frame; `None` if no pose is
-    /// known. A frame without a pose has a matrix that is not finite.
-    pub poses: Option<&'a [[f64; 16]]>,
+    /// Times and poses of the frames.
+    pub frames: &'a [SweepFrame],
     /// Pixel size along the directions of columns and rows, mm, if known.
     pub pixel_mm: Option<[f64; 2]>,
     /// Hash of the recording, known only to those who have it.
     pub recording: &'a str,
-    /// Name of the world frame; empty if there is none.
+    /// Name of the world frame; empty if no pose is known.
     pub world: &'a str,
     /// Identifiers of the patient and the study.
     pub identifiers: &'a Identifiers,
@@ -68,26 +76,24 @@ impl Sweep<'_> {
     /// cannot be written.
     ///
     /// # Panics
-    /// When pixels, times and poses differ in the number of frames: this is an error of the
-    /// caller.
+    /// When there are other pixels than the frames': this is an error of the caller.
     pub fn write(&self, path: &Path) -> Result<(), ExportError> {
         self.identifiers.check()?;
-        let frames = self.times_ns.len();
+        let frames = self.frames.len();
         let plane = edges(self.size.map(u64::from), CROPPED)?;
         let bytes = Self::bytes(frames as u64, self.size)?;
         if bytes == 0 {
             return Err(ExportError::NoFrame);
         }
         assert_eq!(self.pixels.len(), bytes, "pixels fill the frames");
-        assert!(self.poses.is_none_or(|poses| poses.len() == frames), "a pose a frame");
         let dataset = self.dataset(plane);
         write(Pixels::U8(self.pixels.to_vec()).put(dataset, frames as u64, plane), path)
     }
 
     fn dataset(&self, [columns, rows]: [u16; 2]) -> Dataset {
-        let poses: Vec<f64> = self.poses.unwrap_or_default().as_flattened().to_vec();
-        let times: Vec<u8> = self.times_ns.iter().flat_map(|t| t.to_le_bytes()).collect();
-        let places: Vec<u8> = poses.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let own = self.private();
+        let own_bytes = own.bytes();
+        let times: Vec<u8> = self.frames.iter().flat_map(|frame| frame.time_ns.to_le_bytes()).collect();
         let size: Vec<u8> = self.size.iter().flat_map(|n| n.to_le_bytes()).collect();
         let image = Image {
             class: uids::ULTRASOUND_MULTI_FRAME_IMAGE_STORAGE,
@@ -95,20 +101,35 @@ impl Sweep<'_> {
             identifiers: self.identifiers,
             recording: self.recording,
             world: self.world,
-            content: vec![&size, &times, &places, self.pixels],
+            content: vec![&size, &times, &own_bytes, self.pixels],
         };
         let date_time = self.identifiers.acquired.as_ref().map(|_| self.identifiers.acquired());
         let (date, time) = date_time.unwrap_or(("", ""));
         // From the previous frame; 0 for the first, and for times that go back.
-        let steps = self.times_ns.windows(2).map(|pair| (pair[1].saturating_sub(pair[0]) as f64 * 1e-6).max(0.0));
+        let step = |pair: &[SweepFrame]| (pair[1].time_ns.saturating_sub(pair[0].time_ns) as f64 * 1e-6).max(0.0);
+        let steps: Vec<f64> = std::iter::once(0.0).chain(self.frames.windows(2).map(step)).collect();
         let mut dataset = image
             .dataset()
             .texts(tags::IMAGE_TYPE, VR::CS, &["ORIGINAL", "PRIMARY"])
             .put(tags::IMAGE_COMMENTS, VR::LT, NOTICE)
             .put(tags::CONTENT_DATE, VR::DA, date)
-            .put(tags::CONTENT_TIME, VR::TM, time)
-            .put(tags::FRAME_INCREMENT_POINTER, VR::AT, PrimitiveValue::from(tags::FRAME_TIME_VECTOR))
-            .decimals(tags::FRAME_TIME_VECTOR, std::iter::once(0.0).chain(steps));
+            .put(tags::CONTENT_TIME, VR::TM, time);
+        let vector = decimals(&steps);
+        // A long sweep states the mean step; our own element has all times.
+        dataset = if vector.len() <= LONGEST {
+            dataset.put(tags::FRAME_INCREMENT_POINTER, VR::AT, PrimitiveValue::from(tags::FRAME_TIME_VECTOR)).put(
+                tags::FRAME_TIME_VECTOR,
+                VR::DS,
+                vector,
+            )
+        } else {
+            let mean = steps.iter().sum::<f64>() / (steps.len() - 1).max(1) as f64;
+            dataset.put(tags::FRAME_INCREMENT_POINTER, VR::AT, PrimitiveValue::from(tags::FRAME_TIME)).put(
+                tags::FRAME_TIME,
+                VR::DS,
+                decimals(&[mean]),
+            )
+        };
         if let Some([x, y]) = self.pixel_mm {
             let region = Dataset::new()
                 .put(tags::REGION_SPATIAL_FORMAT, VR::US, PrimitiveValue::from(1_u16))
@@ -124,9 +145,35 @@ impl Sweep<'_> {
                 .doubles(tags::PHYSICAL_DELTA_Y, [0.1 * y]);
             dataset = dataset.sequence(tags::SEQUENCE_OF_ULTRASOUND_REGIONS, [region]);
         }
-        if !poses.is_empty() {
-            dataset = dataset.put(CREATOR, VR::LO, "SONOWEAVE").doubles(POSES, poses).put(WORLD, VR::LO, self.world);
+        own.put(dataset)
+    }
+
+    /// Returns our private elements.
+    fn private(&self) -> PrivateBlock {
+        let frames = self.frames;
+        let times = |time: fn(&Stamp) -> Option<f64>| -> Vec<f64> {
+            frames.iter().map(|frame| time(&frame.stamp).unwrap_or(f64::NAN)).collect()
+        };
+        let lines = |line: fn(&SweepFrame) -> String| frames.iter().map(line).collect::<Vec<_>>().join("\n");
+        let mut own = PrivateBlock::default();
+        if !self.world.is_empty() {
+            let poses = frames.iter().flat_map(|frame| frame.pose.as_ref().map_or([f64::NAN; 16], |pose| *pose));
+            own.doubles(private::POSES, poses.collect());
+            own.text(private::WORLD, VR::LO, self.world);
+            own.text(
+                private::STATUSES,
+                VR::UT,
+                &lines(|frame| frame.pose.clone().map_or_else(|word| word, |_| "OK".into())),
+            );
         }
-        dataset
+        own.doubles(private::TIMES, times(|stamp| stamp.source_s));
+        if frames.iter().any(|frame| frame.stamp.unfiltered_s.is_some()) {
+            own.doubles(private::UNFILTERED_TIMES, times(|stamp| stamp.unfiltered_s));
+        }
+        if frames.iter().any(|frame| frame.number.is_some()) {
+            let number = |frame: &SweepFrame| frame.number.map_or_else(String::new, |number| number.to_string());
+            own.text(private::NUMBERS, VR::UT, &lines(number));
+        }
+        own
     }
 }

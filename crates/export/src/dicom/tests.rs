@@ -5,12 +5,15 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_object::{DefaultDicomObject, open_file};
 use glam::{DMat3, DVec3};
 
+use formats::Limits;
+use formats::image::{VolumeReader, open_sequence};
 use sonoweave_core::NOTICE;
+use sonoweave_core::reading::{Stamp, Status};
 use volume::Grid;
 
 use super::dataset::decimal;
 use super::identifiers::Identifiers;
-use super::sweep::Sweep;
+use super::sweep::{Sweep, SweepFrame};
 use super::volume::VolumeImage;
 use crate::ExportError;
 use crate::volume::Scalar;
@@ -25,15 +28,26 @@ fn grid() -> Grid {
 }
 
 fn volume<'a>(grid: &'a Grid, scalar: Scalar, identifiers: &'a Identifiers) -> VolumeImage<'a> {
-    VolumeImage { grid, scalar, unseen: 7.0, recording: "a hash", world: "Reference", identifiers }
+    VolumeImage { grid, scalar, unseen: 7.0, recording: "a hash", world: "Reference", fields: &[], identifiers }
 }
 
-fn sweep<'a>(pixels: &'a [u8], poses: &'a [[f64; 16]], identifiers: &'a Identifiers) -> Sweep<'a> {
+/// Returns the frames of a sweep with these poses.
+fn frames(poses: &[[f64; 16]]) -> Vec<SweepFrame> {
+    let times = [1_000_000_000, 1_033_000_000, 1_020_000_000];
+    let frame = |(n, (pose, time_ns)): (usize, (&[f64; 16], i64))| SweepFrame {
+        time_ns,
+        stamp: Stamp { item: n as u64, source_s: Some(time_ns as f64 / 1e9), ..Stamp::default() },
+        number: None,
+        pose: Ok(*pose),
+    };
+    poses.iter().zip(times).enumerate().map(frame).collect()
+}
+
+fn sweep<'a>(pixels: &'a [u8], frames: &'a [SweepFrame], identifiers: &'a Identifiers) -> Sweep<'a> {
     Sweep {
         size: [3, 2],
         pixels,
-        times_ns: &[1_000_000_000, 1_033_000_000, 1_020_000_000],
-        poses: Some(poses),
+        frames,
         pixel_mm: Some([0.2, 0.1]),
         recording: "a hash",
         world: "Reference",
@@ -107,7 +121,7 @@ fn sweep_keeps_frames_times_scale_and_poses() {
     let path = folder.path().join("s.dcm");
     let pixels: Vec<u8> = (0..18).map(|i| i * 14).collect();
     let poses: Vec<[f64; 16]> = (0..3).map(|f| std::array::from_fn(|i| f64::from(f) + i as f64 / 3.0)).collect();
-    sweep(&pixels, &poses, &Identifiers::default()).write(&path).unwrap();
+    sweep(&pixels, &frames(&poses), &Identifiers::default()).write(&path).unwrap();
     let read = open_file(&path).unwrap();
     assert_eq!(text(&read, tags::SOP_CLASS_UID), uids::ULTRASOUND_MULTI_FRAME_IMAGE_STORAGE);
     assert_eq!(read.element(tags::PIXEL_DATA).unwrap().to_bytes().unwrap().as_ref(), pixels);
@@ -160,7 +174,7 @@ fn given_identifiers_are_written_and_output_repeats() {
     assert_eq!(text(&named, tags::FRAME_OF_REFERENCE_UID), text(&empty, tags::FRAME_OF_REFERENCE_UID));
     // A sweep of the same recording and patient has the same study and frame of reference.
     let path = folder.path().join("s.dcm");
-    sweep(&[0; 18], &[[0.0; 16]; 3], &given).write(&path).unwrap();
+    sweep(&[0; 18], &frames(&[[0.0; 16]; 3]), &given).write(&path).unwrap();
     let beside = open_file(&path).unwrap();
     for tag in [tags::STUDY_INSTANCE_UID, tags::FRAME_OF_REFERENCE_UID] {
         assert_eq!(text(&beside, tag), text(&named, tag));
@@ -200,6 +214,45 @@ fn invalid_input_is_refused_and_leaves_no_file() {
         let identifiers = Identifiers { acquired: Some(time.into()), ..Identifiers::default() };
         let error = refused(&good, Scalar::U8, &identifiers);
         assert!(matches!(error, ExportError::Identifier { what: "time of acquisition", .. }), "{time}: {error}");
+    }
+}
+
+#[test]
+fn volume_and_sweep_are_read_back_to_the_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.dcm");
+    let (grid, none) = (Grid { spacing: DVec3::new(1.0 / 3.0, 0.25, 0.7), ..grid() }, Identifiers::default());
+    let fields = [("SonoweaveUnseen".to_owned(), "7".to_owned()), ("SonoweaveRange".to_owned(), "0 255".to_owned())];
+    VolumeImage { fields: &fields, ..volume(&grid, Scalar::U8, &none) }.write(&path, fill).unwrap();
+    let mut read = VolumeReader::open(&path, &Limits::default()).unwrap();
+    let header = read.header().clone();
+    let axes = [grid.direction.x_axis, grid.direction.y_axis, grid.direction.z_axis].map(|axis| axis.to_array());
+    assert_eq!((header.spacing, header.origin), (grid.spacing.to_array(), grid.origin.to_array()));
+    assert_eq!((header.axes, header.size), (axes, [5, 3, 4]));
+    assert_eq!(header.fields[1..], fields);
+    assert_eq!(header.fields[0].1, "Reference (mm, not anatomical)");
+    for z in 0..4 {
+        let expected: Vec<u8> = (0..3).flat_map(|y| (0..5).map(move |x| value(x, y, z) as u8)).collect();
+        assert_eq!(read.next_slice().unwrap().unwrap(), expected);
+    }
+    let pixels: Vec<u8> = (0..18).map(|i| i * 14).collect();
+    let pose = std::array::from_fn(|i| i as f64 / 3.0);
+    let mut frames = frames(&[pose; 3]);
+    frames[1].pose = Err("OUT_OF_VIEW".into());
+    (frames[0].stamp.source_s, frames[2].number) = (None, Some(u64::MAX));
+    frames[2].stamp.unfiltered_s = Some(1.0 / 3.0);
+    sweep(&pixels, &frames, &none).write(&path).unwrap();
+    let read = open_sequence(&path, &Limits::default()).unwrap();
+    assert_eq!(read.header.transforms, [("Image".to_owned(), "Reference".to_owned())]);
+    for (n, frame) in (0..).zip(&frames) {
+        let item = read.header.item(n);
+        let stamp = frame.stamp;
+        assert_eq!((item.source_s, item.unfiltered_s), (stamp.source_s, stamp.unfiltered_s));
+        assert_eq!(item.frame_number, frame.number);
+        match &frame.pose {
+            Ok(pose) => assert_eq!((item.transforms[0].matrix, &item.transforms[0].status), (*pose, &Status::Ok)),
+            Err(word) => assert_eq!(item.transforms[0].status, Status::Other(word.clone().into())),
+        }
     }
 }
 

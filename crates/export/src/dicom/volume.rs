@@ -6,9 +6,11 @@ use dicom_core::{PrimitiveValue, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
+use formats::image::dicom::private;
 use sonoweave_core::NOTICE;
 use volume::Grid;
 
+use super::block::PrivateBlock;
 use super::dataset::{Dataset, Image, Pixels, write};
 use super::{ExportError, Identifiers, bytes, edges};
 use crate::volume::Scalar;
@@ -32,6 +34,8 @@ pub struct VolumeImage<'a> {
     pub recording: &'a str,
     /// Name of the world frame.
     pub world: &'a str,
+    /// Further fields that are read back with the volume. They must not tell whose it is.
+    pub fields: &'a [(String, String)],
     /// Identifiers of the patient and the study.
     pub identifiers: &'a Identifiers,
 }
@@ -91,7 +95,12 @@ impl VolumeImage<'_> {
     fn dataset(&self, pixels: &Pixels) -> Dataset {
         let grid = self.grid;
         let numbers = [grid.origin, grid.spacing, grid.direction.x_axis, grid.direction.y_axis, grid.direction.z_axis];
-        let geometry: Vec<u8> = numbers.iter().flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
+        let mut own = PrivateBlock::default();
+        own.text(private::WORLD, VR::LO, self.world);
+        own.doubles(private::PLACE, numbers.iter().flat_map(|v| v.to_array()).collect());
+        let lines: Vec<String> = self.fields.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        own.text(private::FIELDS, VR::UT, &lines.join("\n"));
+        let own_bytes = own.bytes();
         let size: Vec<u8> = grid.size.iter().flat_map(|n| n.to_le_bytes()).collect();
         let words: Vec<u8>;
         let voxels = match pixels {
@@ -107,7 +116,7 @@ impl VolumeImage<'_> {
             identifiers: self.identifiers,
             recording: self.recording,
             world: self.world,
-            content: vec![&geometry, &size, voxels],
+            content: vec![&own_bytes, &size, voxels],
         };
         let (date, time) = self.identifiers.acquired();
         let comments = format!(
@@ -163,7 +172,7 @@ impl VolumeImage<'_> {
         ] {
             dataset = dataset.code(unknown, UNKNOWN);
         }
-        dataset
+        own.put(dataset)
             .put(tags::DIMENSION_ORGANIZATION_TYPE, VR::CS, "3D")
             .sequence(
                 tags::DIMENSION_ORGANIZATION_SEQUENCE,

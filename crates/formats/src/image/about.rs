@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::image::dicom;
 use crate::image::layout::{Content, Encoding};
 use crate::image::open::{Opened, open, open_nifti};
 use crate::{Error, Limits};
@@ -28,12 +29,13 @@ impl About {
     /// # Errors
     /// [`Error`] when the file cannot be read, has an unknown format, or has an invalid header.
     pub fn read(path: &Path, limits: &Limits) -> Result<Self, Error> {
-        let (format, layout) = match open_nifti(path, limits)? {
-            Some(opened) => ("NIfTI", opened.layout),
-            None => {
-                let Opened { header, layout, .. } = open(path, limits)?;
-                (header.grammar.name, layout)
-            }
+        let (format, layout) = if let Some(opened) = dicom::read::open(path, limits)? {
+            ("DICOM", opened.layout)
+        } else if let Some(opened) = open_nifti(path, limits)? {
+            ("NIfTI", opened.layout)
+        } else {
+            let Opened { header, layout, .. } = open(path, limits)?;
+            (header.grammar.name, layout)
         };
         let encoding = match layout.encoding {
             Encoding::Raw => "not compressed",

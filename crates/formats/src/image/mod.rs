@@ -11,13 +11,14 @@
 //! - `volume`: a volume, slice by slice.
 //! - [`write`](mod@write): writing files.
 //!
-//! Formats: `metaimage`, `nrrd`, and `nifti` (volumes). Reading needs memory for the header and
-//! one frame, whatever the file's length. The exception is interleaved frames (`transposed`),
-//! which are all kept in memory.
+//! Formats: `metaimage`, `nrrd`, `nifti` (volumes), and [`dicom`] (only read). Reading needs memory
+//! for the header and one frame, whatever the file's length. The exception is interleaved frames
+//! (`transposed`), which are all kept in memory.
 
 mod about;
 mod container;
 mod data;
+pub mod dicom;
 mod digits;
 mod fault;
 pub(crate) mod header;

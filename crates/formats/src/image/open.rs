@@ -9,7 +9,7 @@ use crate::image::fault::Fault;
 use crate::image::header::{Grammar, Header, Parser};
 use crate::image::layout::{Content, Layout};
 use crate::image::sequence::Sequence;
-use crate::image::{metaimage, nifti, nrrd};
+use crate::image::{dicom, metaimage, nifti, nrrd};
 use crate::{Error, Limits, NoImage};
 
 /// An opened file with a valid header `H`. The reader is at the beginning of the pixel data.
@@ -30,6 +30,13 @@ pub struct Opened<H = Sequence> {
 /// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no sequence or its
 /// header is invalid, [`Error::Limit`] when it exceeds the limits.
 pub fn open_sequence(path: &Path, limits: &Limits) -> Result<Opened, Error> {
+    if let Some(dicom::read::Opened { reader, header, layout }) = dicom::read::open(path, limits)? {
+        let dicom::read::Header::Sequence(header) = header else {
+            let problem = "makes this a volume; a sequence is an ultrasound multi-frame image";
+            return Err(Fault::field("SOPClassUID", layout.data_at, problem).at(path));
+        };
+        return Ok(Opened { reader, data_path: path.to_owned(), header, layout });
+    }
     let Opened { reader, data_path, header, layout } = open(path, limits)?;
     if layout.content == Content::Volume {
         let field = header.kinds().unwrap_or(&layout.shape);
@@ -83,9 +90,6 @@ fn foreign(begins: &[u8]) -> Option<NoImage> {
     }
     if let Some((_, kind)) = KINDS.iter().find(|(magic, _)| begins.starts_with(magic)) {
         return Some(NoImage::Foreign(kind));
-    }
-    if begins.get(128..132) == Some(b"DICM") {
-        return Some(NoImage::Foreign("a DICOM file"));
     }
     let mut lines = begins.split_inclusive(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
     let first = lines.next().unwrap_or(begins);

@@ -61,7 +61,7 @@ pub struct ItemTransform {
 }
 
 impl Item {
-    const fn bare() -> Self {
+    pub(crate) const fn bare() -> Self {
         Self {
             source_s: None,
             unfiltered_s: None,
@@ -136,6 +136,19 @@ impl Sequence {
             items,
             bare: Item::bare(),
         })
+    }
+
+    /// Returns a sequence of these frames without further fields.
+    pub(crate) fn of_items(transforms: Vec<(String, String)>, orientation: &str, items: Vec<Item>) -> Self {
+        Self {
+            fields: Vec::new(),
+            orientation: orientation.to_owned(),
+            image_type: String::new(),
+            transforms,
+            names: Vec::new(),
+            items,
+            bare: Item::bare(),
+        }
     }
 
     /// Returns the header fields of a frame.

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use sonoweave_core::reading::PixelType;
 
+use crate::image::dicom;
+use crate::image::fault::Fault;
 use crate::image::layout::Layout;
 use crate::image::nifti;
 use crate::image::open::{open, open_nifti};
@@ -71,6 +73,13 @@ impl VolumeReader {
         if let Some(nifti::read::Opened { reader, header, layout, scaling }) = open_nifti(path, limits)? {
             let scaling = scaling.map(|scaling| (layout.pixel, scaling));
             return Ok(Self { scaling, ..Self::new(path, header, reader, &layout) });
+        }
+        if let Some(dicom::read::Opened { reader, header, layout }) = dicom::read::open(path, limits)? {
+            let dicom::read::Header::Volume(header) = header else {
+                let problem = "makes this a sequence of frames, not a volume; reconstruct it first";
+                return Err(Fault::field("SOPClassUID", layout.data_at, problem).at(path));
+            };
+            return Ok(Self::new(path, header, reader, &layout));
         }
         let opened = open(path, limits)?;
         let header = VolumeHeader::new_from(opened.header, &opened.layout).map_err(|fault| fault.at(path))?;
