@@ -44,7 +44,8 @@ pub(super) enum Run {
 /// Poses of all frames.
 #[derive(Debug, Clone)]
 pub struct Poses {
-    /// Pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for frames without one.
+    /// Pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for frames without a
+    /// pose.
     pub world_from_image: Vec<[f64; 16]>,
     /// Time of each frame, s; NaN for frames without a pose. A session's are of its host's clock.
     pub times_s: Vec<f64>,
