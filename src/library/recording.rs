@@ -36,6 +36,7 @@ enum Content {
 }
 
 /// A recording, opened for one run, with the settings of its reconstruction.
+#[allow(clippy::large_enum_variant, reason = "a run has one, moved once")]
 pub(super) enum Run {
     Sequence(Sweep, Sequence),
     Session(Opened),
