@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Makes a release of the last commit: the Debian package, a static program with its pages in a
-# tarball, the Python wheel, both lists of crates (CycloneDX), the version's changes, and SHA256SUMS.
-# The files contain no names of folders and no times of the build; scripts/release-test.sh compares
-# two releases. Needs the packages that `scripts/setup.sh release` and `scripts/setup.sh python`
-# install, and maturin from Python's packages.
+# tarball, the Python wheel, both lists of crates (CycloneDX), the version's changes, and
+# SHA256SUMS. The files contain no names of folders and no times of the build;
+# scripts/release-test.sh compares two releases. Needs the packages that `scripts/setup.sh release`
+# and `scripts/setup.sh python` install, and maturin from Python's packages.
 #
 #   scripts/release.sh [FOLDER]     out/release by default; it is made anew
 #

@@ -2,8 +2,9 @@
 
 mod advice;
 pub mod arm;
-pub(crate) mod done;
+mod done;
 pub mod drawing;
+pub(crate) mod keywords;
 pub mod landmarks;
 pub mod latency;
 pub mod pivot;

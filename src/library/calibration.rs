@@ -7,7 +7,7 @@ use config::{Kind, MAX_BYTES, Settings, kind_of};
 use sonoweave_core::keys::read_text;
 
 use super::{Keyword, LibraryError};
-use crate::cli::calibrate::done::by_keywords;
+use crate::cli::calibrate::keywords::by_keywords;
 
 /// A calibration file of ours, or a PLUS configuration.
 #[derive(Debug, Clone)]

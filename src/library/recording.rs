@@ -36,6 +36,7 @@ enum Content {
 }
 
 /// A recording, opened for one run, with the settings of its reconstruction.
+#[allow(clippy::large_enum_variant, reason = "a run has one, moved once")]
 pub(super) enum Run {
     Sequence(Sweep, Sequence),
     Session(Opened),
@@ -44,7 +45,8 @@ pub(super) enum Run {
 /// Poses of all frames.
 #[derive(Debug, Clone)]
 pub struct Poses {
-    /// Pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for frames without one.
+    /// Pose of each frame, row major: maps pixels (u, v, 0) to world mm. NaN for frames without a
+    /// pose.
     pub world_from_image: Vec<[f64; 16]>,
     /// Time of each frame, s; NaN for frames without a pose. A session's are of its host's clock.
     pub times_s: Vec<f64>,

@@ -71,7 +71,7 @@ impl RecordedSession {
         Ok(Self { world, ..session })
     }
 
-    /// Opens it for one run, by its own settings. Of a reconstruction's keywords, those of the
+    /// Opens it for one run, by its own settings. A reconstruction's keywords that concern the
     /// machine count, and others are refused.
     ///
     /// # Errors

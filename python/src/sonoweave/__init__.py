@@ -6,14 +6,6 @@ For research. Not a medical device. Not for diagnosis or treatment.
 from __future__ import annotations
 
 from ._calibrate import (
-    ArmCalibration,
-    ArmCheck,
-    LandmarkCalibration,
-    LatencyCalibration,
-    PivotCalibration,
-    ProbeCalibration,
-    TrackerMap,
-    TrackerNoise,
     calibrate_arm,
     calibrate_landmarks,
     calibrate_latency,
@@ -22,6 +14,16 @@ from ._calibrate import (
     calibrate_tracker,
 )
 from ._calibration import Calibration
+from ._calibration_results import (
+    ArmCalibration,
+    ArmCheck,
+    LandmarkCalibration,
+    LatencyCalibration,
+    PivotCalibration,
+    ProbeCalibration,
+    TrackerMap,
+    TrackerNoise,
+)
 from ._reconstructor import Reconstructor
 from ._render import render, section
 from ._sequence import Sequence
