@@ -11,6 +11,7 @@ pub(crate) mod done;
 pub(crate) mod folder;
 pub(crate) mod key;
 pub(crate) mod manifest;
+pub(crate) mod once;
 pub(crate) mod owner;
 pub(crate) mod plan;
 pub(crate) mod publish;

@@ -23,7 +23,9 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
     let failed = |e: std::io::Error| Failure::io(path, "reading", &e);
     let mut file = File::open(path).map_err(failed)?;
     let mut hasher = Sha256::new();
-    let mut buffer = vec![0; 1 << 20];
+    // A small file needs no large buffer, whose zeros would take longer than its hash.
+    let length = file.metadata().map_err(failed)?.len();
+    let mut buffer = vec![0; length.clamp(1 << 10, 1 << 20) as usize];
     loop {
         match file.read(&mut buffer).map_err(failed)? {
             0 => break,

@@ -1,12 +1,11 @@
 //! Content keys: hashes of everything that a sweep's files follow from.
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::once::Once;
 use crate::app::{input, sha256};
 use crate::failure::Failure;
 
@@ -42,23 +41,25 @@ impl Input {
     }
 }
 
-/// Reads files that several sweeps may have in common once.
+/// The files of all sweeps. Those that several have in common are read once.
 #[derive(Debug, Default)]
-pub(crate) struct Inputs(Mutex<HashMap<PathBuf, Input>>);
+pub(crate) struct Inputs {
+    files: Once<PathBuf, Result<Input, String>>,
+    recordings: Once<PathBuf, (Vec<PathBuf>, u64)>,
+}
 
 impl Inputs {
     /// Returns a file's content hash.
     ///
     /// # Errors
-    /// [`Failure`] when it cannot be read.
-    pub(crate) fn read(&self, path: &Path) -> Result<Input, Failure> {
-        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(input) = known().get(path) {
-            return Ok(input.clone());
-        }
-        let input = Input::read(path)?;
-        known().insert(path.to_owned(), input.clone());
-        Ok(input)
+    /// A sentence when it cannot be read.
+    pub(crate) fn read(&self, path: &Path) -> Result<Input, String> {
+        self.files.get(path.to_owned(), || Input::read(path).map_err(|failure| failure.0.sentence))
+    }
+
+    /// Returns the files of a recording, and its cost.
+    pub(crate) fn recording(&self, path: &Path) -> (Vec<PathBuf>, u64) {
+        self.recordings.get(path.to_owned(), || input::recording(path))
     }
 }
 

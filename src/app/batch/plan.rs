@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use super::folder::RunFolder;
 use super::key::{self, Input, Inputs};
 use super::manifest::{self, BadRow, Row};
-use crate::app::input;
+use super::select::Selection;
 use crate::app::provenance::program;
 use crate::failure::{Failure, FailureKind};
 
@@ -146,9 +146,8 @@ fn planned(
     }
     let Settings { settings, resources } =
         canonical(&words, config.is_some()).map_err(|why| format!("settings: {why}"))?;
-    let (files, cost) = input::recording(&recording);
-    let read = |path: &PathBuf| known.read(path).map_err(|failure| failure.0.sentence);
-    let inputs: Vec<Input> = files.iter().chain(&config).map(read).collect::<Result<_, _>>()?;
+    let (files, cost) = known.recording(&recording);
+    let inputs: Vec<Input> = files.iter().chain(&config).map(|path| known.read(path)).collect::<Result<_, _>>()?;
     let key = key::content_key(&inputs, &settings, outputs, program);
     let (outputs, program) = (outputs.to_vec(), program.to_owned());
     Ok(Planned {
@@ -176,22 +175,33 @@ fn is_matrix(text: &str) -> bool {
     numbers.len() == 16 && numbers.iter().all(|number| number.parse::<f64>().is_ok())
 }
 
-/// Reads a plan.
+/// Reads the selected sweeps of a plan. Lines of others are not parsed: a task of a cluster selects
+/// one of many.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, or is of another version of the program.
-pub(crate) fn read(folder: &RunFolder) -> Result<Vec<Planned>, Failure> {
+/// [`Failure`] when it cannot be read, or lacks a selected id.
+pub(crate) fn read(folder: &RunFolder, selection: &Selection) -> Result<Vec<Planned>, Failure> {
     let path = folder.plan();
     let text = std::fs::read_to_string(&path).map_err(|e| Failure::io(&path, "reading", &e))?;
     let mut sweeps = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
+        if id_of(line).is_some_and(|id| !selection.has(id)) {
+            continue;
+        }
         let sweep: Planned = serde_json::from_str(line).map_err(|e| {
             let sentence = format!("{}: line {number}: {e}; plan the batch again", path.display());
             Failure::new(sentence).of(FailureKind::Input)
         })?;
         sweeps.push(sweep);
     }
+    sweeps.retain(|sweep| selection.has(&sweep.id));
+    selection.check(|id| sweeps.iter().any(|sweep| sweep.id == id))?;
     Ok(sweeps)
+}
+
+/// Returns the id of a line of a plan as [`plan`] writes it: the first field, without escapes.
+fn id_of(line: &str) -> Option<&str> {
+    Some(line.strip_prefix("{\"id\":\"")?.split_once('"')?.0)
 }
 
 /// Checks that a plan is of this program, whose results others' might not equal.
@@ -211,5 +221,50 @@ pub(crate) fn check_program(folder: &RunFolder, sweeps: &[Planned]) -> Result<()
             );
             Err(Failure::new(sentence).of(FailureKind::Configuration))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A line with its fields sorted by name, so that the id is not the first.
+    fn sorted(id: &str) -> String {
+        json!({
+            "id": id, "row": 2, "recording": "a.mha", "config": null, "inputs": [], "settings": [], "resources": [],
+            "outputs": [], "program": "1", "key": "k", "cost": 1, "subject": null, "session": null, "tags": [],
+            "other": {},
+        })
+        .to_string()
+    }
+
+    /// A line as a plan has it.
+    fn line(id: &str) -> String {
+        serde_json::to_string(&serde_json::from_str::<Planned>(&sorted(id)).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn lines_of_other_sweeps_are_not_parsed() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = RunFolder::create(&place.path().join("run")).unwrap();
+        let ids = |selection: &Selection, lines: &[String]| {
+            folder.write(&folder.plan(), lines.join("\n").as_bytes()).unwrap();
+            let sweeps = read(&folder, selection).map_err(|failure| failure.0.sentence)?;
+            Ok::<_, String>(sweeps.into_iter().map(|sweep| sweep.id).collect::<Vec<_>>())
+        };
+        let only = |id: &str| Selection { only: vec![id.to_owned()], part: None };
+        let damaged = ["{\"id\":\"a\", damaged".to_owned(), line("b"), sorted("c"), line("bb")];
+        assert_eq!(ids(&only("b"), &damaged).unwrap(), ["b"]);
+        assert_eq!(ids(&only("c"), &damaged).unwrap(), ["c"]);
+        assert!(ids(&only("a"), &damaged).unwrap_err().contains("line 1"));
+        assert!(ids(&Selection::default(), &damaged).unwrap_err().contains("line 1"));
+        assert!(ids(&only("x"), &damaged).unwrap_err().contains("no such id"));
+        let whole = ["a", "b", "c", "d", "e"].map(line);
+        let part = |text: &str| Selection { only: Vec::new(), part: Some(text.parse().unwrap()) };
+        let mut parts = [ids(&part("1/2"), &whole).unwrap(), ids(&part("2/2"), &whole).unwrap()].concat();
+        parts.sort();
+        assert_eq!(parts, ["a", "b", "c", "d", "e"]);
     }
 }

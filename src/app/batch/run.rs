@@ -77,9 +77,8 @@ pub(crate) fn run(
     options: &RunOptions,
     progress: &(dyn Fn(&Progress<'_>) + Sync),
 ) -> Result<Status, Failure> {
-    let sweeps = plan::read(folder)?;
-    plan::check_program(folder, &sweeps)?;
-    let selected = options.selection.of(&sweeps)?;
+    let selected = plan::read(folder, &options.selection)?;
+    plan::check_program(folder, &selected)?;
     super::owner::clean(folder.path(), false)
         .map_err(|e| Failure::io(folder.path(), "removing files of a killed run", &e))?;
     let mut waiting = Vec::new();

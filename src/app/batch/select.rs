@@ -1,6 +1,5 @@
 //! Selection of a batch's sweeps, for parts that run elsewhere.
 
-use super::plan::Planned;
 use crate::app::part::Part;
 use crate::failure::Failure;
 
@@ -13,17 +12,20 @@ pub(crate) struct Selection {
 }
 
 impl Selection {
-    /// Returns the selected sweeps.
+    /// Whether the sweep of an id is selected.
+    pub(crate) fn has(&self, id: &str) -> bool {
+        let is_named = self.only.is_empty() || self.only.iter().any(|only| only == id);
+        is_named && self.part.is_none_or(|part| part.has(id))
+    }
+
+    /// Checks that a plan has all named ids.
     ///
     /// # Errors
     /// [`Failure`] for an id that the plan lacks.
-    pub(crate) fn of<'a>(&self, sweeps: &'a [Planned]) -> Result<Vec<&'a Planned>, Failure> {
-        if let Some(unknown) = self.only.iter().find(|id| !sweeps.iter().any(|sweep| sweep.id == **id)) {
+    pub(crate) fn check(&self, is_there: impl Fn(&str) -> bool) -> Result<(), Failure> {
+        if let Some(unknown) = self.only.iter().find(|id| !is_there(id)) {
             return Err(Failure::usage(format!("--only {unknown}: the plan has no such id; give one of its own")));
         }
-        let is_selected = |sweep: &&Planned| {
-            (self.only.is_empty() || self.only.contains(&sweep.id)) && self.part.is_none_or(|part| part.has(&sweep.id))
-        };
-        Ok(sweeps.iter().filter(is_selected).collect())
+        Ok(())
     }
 }

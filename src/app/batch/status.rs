@@ -57,14 +57,14 @@ pub(crate) struct Status {
 /// # Errors
 /// [`Failure`] when its folder cannot be read.
 pub(crate) fn status(folder: &RunFolder, selection: &Selection) -> Result<Status, Failure> {
-    status_of(folder, &selection.of(&plan::read(folder)?)?)
+    status_of(folder, &plan::read(folder, selection)?)
 }
 
 /// Returns the state of these sweeps.
 ///
 /// # Errors
 /// [`Failure`] when the batch's folder cannot be read.
-pub(super) fn status_of(folder: &RunFolder, sweeps: &[&Planned]) -> Result<Status, Failure> {
+pub(super) fn status_of(folder: &RunFolder, sweeps: &[Planned]) -> Result<Status, Failure> {
     let mut status = Status { sweeps: sweeps.len(), ..Status::default() };
     for sweep in sweeps {
         if let Some(seconds) = done::time_s(folder, sweep) {

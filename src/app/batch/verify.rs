@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::done::{forget, verify as verify_sweep};
 use super::folder::RunFolder;
-use super::plan::{self, Planned};
+use super::plan;
 use super::select::Selection;
 use crate::failure::Failure;
 
@@ -34,8 +34,7 @@ pub(crate) struct Verified {
 /// # Errors
 /// [`Failure`] when the plan cannot be read.
 pub(crate) fn verify(folder: &RunFolder, selection: &Selection) -> Result<Verified, Failure> {
-    let sweeps = plan::read(folder)?;
-    let selected = selection.of(&sweeps)?;
+    let selected = plan::read(folder, selection)?;
     let results: Vec<_> = selected.par_iter().map(|sweep| verify_sweep(folder, sweep)).collect();
     let mut verified = Verified { sweeps: selected.len(), ..Verified::default() };
     for (sweep, result) in selected.iter().zip(results) {
@@ -56,9 +55,12 @@ pub(crate) fn verify(folder: &RunFolder, selection: &Selection) -> Result<Verifi
 /// # Errors
 /// [`Failure`] of the file system.
 pub(crate) fn remove_damaged(folder: &RunFolder, verified: &Verified) -> Result<(), Failure> {
-    let sweeps = plan::read(folder)?;
+    if verified.damaged.is_empty() {
+        return Ok(());
+    }
+    let only = verified.damaged.iter().map(|damaged| damaged.id.clone()).collect();
+    let damaged = plan::read(folder, &Selection { only, part: None })?;
     // The results of another version stay: this program would not make the same ones.
-    plan::check_program(folder, &sweeps)?;
-    let is_damaged = |sweep: &&Planned| verified.damaged.iter().any(|damaged| damaged.id == sweep.id);
-    sweeps.iter().filter(is_damaged).try_for_each(|sweep| forget(folder, sweep))
+    plan::check_program(folder, &damaged)?;
+    damaged.iter().try_for_each(|sweep| forget(folder, sweep))
 }

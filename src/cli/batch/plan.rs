@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::settings::canonical;
+use super::settings::CanonicalSettings;
 use crate::app::batch::done::is_done;
 use crate::app::batch::plan::plan;
 use crate::cli::Failure;
@@ -47,7 +47,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let beside = [(weights, "weights.mha"), (planes, "planes.png")];
     let mut outputs = vec![format!("volume.{format}")];
     outputs.extend(beside.into_iter().filter(|(is_wanted, _)| **is_wanted).map(|(_, name)| name.to_owned()));
-    let (folder, sweeps) = plan(manifest, output, &outputs, &|words, has_config| canonical(words, has_config, format))?;
+    let settings = CanonicalSettings::new(format);
+    let (folder, sweeps) = plan(manifest, output, &outputs, &|words, has_config| settings.of(words, has_config))?;
     let done = sweeps.iter().filter(|sweep| is_done(&folder, sweep)).count();
     let megabytes = sweeps.iter().map(|sweep| sweep.cost as f64).sum::<f64>() / 1e6;
     let many = sweeps.len();

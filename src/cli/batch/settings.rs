@@ -5,6 +5,7 @@ use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args as _, Command, FromArgMatches as _};
 
+use crate::app::batch::once::Once;
 use crate::app::batch::plan::Settings;
 use crate::cli::negative::with_negative_numbers;
 use crate::cli::{Failure, reconstruct};
@@ -44,13 +45,35 @@ const NUMBERS: [&str; 19] = [
     "window",
 ];
 
-/// Returns a row's flags in one form: with all defaults, and the same text for the same numbers.
-pub(super) fn canonical(words: &[String], has_config: bool, format: &str) -> Result<Settings, String> {
+/// Flags of rows in one form. The parser is built once, and the same flags are parsed once.
+pub(super) struct CanonicalSettings<'a> {
+    /// File format of the volumes.
+    format: &'a str,
+    command: Command,
+    known: Once<(Vec<String>, bool), Result<Settings, String>>,
+}
+
+impl<'a> CanonicalSettings<'a> {
+    pub(super) fn new(format: &'a str) -> Self {
+        let mut command = command();
+        command.build();
+        Self { format, command, known: Once::default() }
+    }
+
+    /// Returns a row's flags in one form: with all defaults, and the same text for the same
+    /// numbers.
+    pub(super) fn of(&self, words: &[String], has_config: bool) -> Result<Settings, String> {
+        let parse = || canonical(self.command.clone(), words, has_config, self.format);
+        self.known.get((words.to_vec(), has_config), parse)
+    }
+}
+
+/// Returns a row's flags in one form, by a parser of its own.
+fn canonical(mut command: Command, words: &[String], has_config: bool, format: &str) -> Result<Settings, String> {
     let output = format!("volume.{format}");
     let config = has_config.then_some(["--config", "configuration"]);
     let first = ["reconstruct", "recording.mha", "--output", &output];
     let all = first.into_iter().chain(config.into_iter().flatten()).chain(words.iter().map(String::as_str));
-    let mut command = command();
     let matches = &command.try_get_matches_from_mut(all).map_err(|error| said(&error))?;
     if matches.get_many::<std::path::PathBuf>("sequences").is_some_and(|paths| paths.len() > 1) {
         return Err(format!("{:?} holds words that are no flags; leave them out", words.join(" ")));
@@ -139,7 +162,7 @@ mod tests {
     use super::*;
 
     fn of(words: &str) -> Result<Settings, String> {
-        canonical(&words.split_whitespace().map(str::to_owned).collect::<Vec<_>>(), false, "mha")
+        CanonicalSettings::new("mha").of(&words.split_whitespace().map(str::to_owned).collect::<Vec<_>>(), false)
     }
 
     #[test]
@@ -150,7 +173,7 @@ mod tests {
             "--spacing 5e-1,0.5,1 --method linear --compound mean --max-weight 256 --out-of-core --simd portable",
         ] {
             let same = if words.contains("out-of-core") {
-                canonical(&words.split(' ').map(str::to_owned).collect::<Vec<_>>(), false, "ome.zarr")
+                CanonicalSettings::new("ome.zarr").of(&words.split(' ').map(str::to_owned).collect::<Vec<_>>(), false)
             } else {
                 of(words)
             };
@@ -182,8 +205,9 @@ mod tests {
             assert!(refused.contains(says) && !refused.contains('\n'), "{words}: {refused}");
         }
         let words = ["--preset", "4 cm"].map(str::to_owned);
-        assert!(canonical(&words, true, "mha").unwrap().settings.contains(&"--preset=4 cm".to_owned()));
-        assert!(canonical(&words, false, "mha").is_err(), "a preset needs a configuration");
+        let settings = CanonicalSettings::new("mha");
+        assert!(settings.of(&words, true).unwrap().settings.contains(&"--preset=4 cm".to_owned()));
+        assert!(settings.of(&words, false).is_err(), "a preset needs a configuration");
     }
 
     #[test]
