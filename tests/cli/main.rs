@@ -29,6 +29,7 @@ mod latency;
 mod live;
 mod modes;
 mod ome_zarr;
+mod parts;
 mod paths;
 mod phantom;
 mod place;
