@@ -9,6 +9,7 @@ from numpydoc.validate import validate
 MODULES = (
     "sonoweave",
     "sonoweave.batch",
+    "sonoweave.dask",
     "sonoweave.errors",
     "sonoweave.live",
     "sonoweave.bridges",
