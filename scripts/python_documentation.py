@@ -10,6 +10,7 @@ MODULES = (
     "sonoweave",
     "sonoweave.archive",
     "sonoweave.batch",
+    "sonoweave.dask",
     "sonoweave.errors",
     "sonoweave.live",
     "sonoweave.bridges",

@@ -108,6 +108,7 @@ fn flags(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
     }
     match error.downcast_ref() {
         Some(RenderError::Step { .. }) => return Some(" (--step)"),
+        Some(RenderError::Memory { .. }) => return Some(" (--max-memory, --image-size, --step, --level)"),
         Some(RenderError::Arity) => return Some(" (--arity)"),
         Some(RenderError::Adaptive { .. } | RenderError::AdaptiveMode { .. }) => return Some(" (--adaptive)"),
         _ => {}

@@ -5,12 +5,15 @@
 //! - [`Recording`]: a tracked sequence or session, from a file or from memory.
 //! - [`Reconstruction`]: a volume that grows by recordings and by single frames.
 //! - [`LibraryVolume`]: a volume in memory: the present state of a reconstruction, or a file's.
+//! - [`picture_of_file`]: a picture of a volume on the disk; [`picture_part`] and
+//!   [`picture_of_parts`]: the same by several processes.
 //! - [`LibraryCalibration`]: a calibration file, and the commands that make one.
 //! - [`LibraryError`]: the reason why something failed, by kind.
 
 mod calibration;
 mod error;
 mod keywords;
+mod pictures;
 mod reconstruction;
 mod recording;
 mod session;
@@ -20,6 +23,7 @@ mod volume;
 pub use calibration::LibraryCalibration;
 pub use error::LibraryError;
 pub use keywords::{Keyword, Keywords};
+pub use pictures::{picture_of_file, picture_of_parts, picture_part};
 pub use reconstruction::Reconstruction;
 pub use recording::{Picture, Poses, Recording};
 pub use slices::MemorySlices;

@@ -5,6 +5,7 @@
 mod arrays;
 mod calibration;
 mod errors;
+mod pictures;
 mod process;
 mod reconstruction;
 mod recording;
@@ -16,6 +17,8 @@ use pyo3::prelude::*;
 mod _sonoweave {
     #[pymodule_export]
     use super::calibration::PyCalibration;
+    #[pymodule_export]
+    use super::pictures::{composite, picture, render_part};
     #[pymodule_export]
     use super::reconstruction::PyReconstruction;
     #[pymodule_export]

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use sonoweave::library::{Keyword, Keywords, LibraryVolume, MemorySlices, VoxelBox};
 
 use crate::reconstruction::json;
-use crate::{arrays, errors};
+use crate::{arrays, errors, pictures};
 
 /// A volume.
 #[pyclass(frozen, name = "Volume", module = "sonoweave._sonoweave")]
@@ -140,12 +140,7 @@ impl PyVolume {
 
     /// Renders a picture by the flags of `render`: red, green, blue, opacity, (height, width, 4).
     fn picture<'py>(&self, py: Python<'py>, keywords: Vec<Keyword>) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
-        let drawn = py.detach(|| {
-            let (size, pixels) = self.0.picture(&keywords)?;
-            Ok((size, pixels.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect()))
-        });
-        let ([width, height], pixels) = drawn.map_err(|error| errors::raise(py, error))?;
-        arrays::array(py, pixels, [height as usize, width as usize, 4])
+        pictures::drawn(py, || self.0.picture(&keywords))
     }
 
     /// Writes the volume. Returns the report, as JSON, of a reconstruction.

@@ -6,6 +6,8 @@ import json
 import os
 import pathlib
 import subprocess
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +42,26 @@ def recordings() -> pathlib.Path:
             pytest.fail(f"{folder}: has no recordings")
         pytest.skip(f"{folder}: has no recordings")
     return folder
+
+
+def sonoweave_does(program: str, *words: object, cwd: pathlib.Path | None = None) -> str:
+    done = subprocess.run(
+        [program, *map(str, words)], cwd=cwd, check=True, capture_output=True, text=True
+    )
+    return done.stdout
+
+
+@pytest.fixture
+def client() -> Iterator[Any]:
+    """A client of a cluster of two processes."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
 
 
 class Reconstructed:

@@ -13,20 +13,14 @@ import time
 
 import pytest
 import sonoweave
+from conftest import sonoweave_does
 from sonoweave import batch
 
-distributed = pytest.importorskip("distributed")
+pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
 SWEEPS = 12
 FLAGS = ["--spacing=0.3", "--clip=none"]
-
-
-def sonoweave_does(program: str, *words: object, cwd: pathlib.Path | None = None) -> str:
-    done = subprocess.run(
-        [program, *map(str, words)], cwd=cwd, check=True, capture_output=True, text=True
-    )
-    return done.stdout
 
 
 def files(folder: pathlib.Path) -> dict[str, str]:
@@ -52,17 +46,6 @@ def planned(program, tmp_path_factory) -> pathlib.Path:
         sonoweave_does(program, "batch", "plan", folder / "manifest.csv", "-o", folder / name)
     sonoweave_does(program, "batch", "run", folder / "alone", "--jobs=1")
     return folder
-
-
-@pytest.fixture
-def client():
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
 
 
 def test_cluster_has_bytes_of_one_process(program, planned, client) -> None:

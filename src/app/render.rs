@@ -2,29 +2,42 @@
 
 pub(crate) mod drawing;
 pub(crate) mod look;
+mod message;
 pub(crate) mod planar;
 mod planes;
+mod rays;
 mod request;
+mod volume;
 
+use std::fs::File;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
+use formats::whole::{persist, temporary};
 use image::RgbImage;
+use rayon::ThreadPool;
 use serde::Serialize;
 
 use config::view_settings::Mode;
-use render::{Cache, RenderRegion, RenderSettings, Renderer};
+use render::camera::View;
+use render::settings::pool;
+use render::{Cache, RenderRegion, RenderSettings};
 use statistics::PictureNumbers;
-use volume::DenseVolume;
 
 use super::json::document;
+use super::part::Part;
 use super::reporter::Steps;
-use super::volume_input::dense;
 use crate::failure::Failure;
 use drawing::Over;
 use look::Look;
-pub(crate) use request::{Contents, Rendered, Request};
+pub(crate) use message::Named;
+use rays::{Finished, Rays};
+pub(crate) use request::{Contents, Rendered, Request, Task};
 use request::{Source, milliseconds};
+use volume::LevelOnDisk;
+pub(crate) use volume::RenderVolume;
 
 /// The report, in its JSON form.
 #[derive(Debug, Serialize)]
@@ -56,6 +69,10 @@ struct Drawn {
     drawn: Vec<&'static str>,
     /// Azimuth, elevation, roll, degrees.
     view: [f64; 3],
+    /// Bands of rows, one rendered after the other, and the memory of the compositor of one; `null`
+    /// without parts.
+    bands: u32,
+    compositor_bytes: Option<u64>,
     /// Time to set up the rays.
     prepare_ms: f64,
     /// Time to read, classify and light voxels.
@@ -75,41 +92,75 @@ impl Request<'_> {
     /// [`Failure`]: the picture that failed was not written then.
     pub(crate) fn run(&self, steps: Steps<'_>) -> Result<Rendered, Failure> {
         let began = Instant::now();
-        let Self { look, output, .. } = self;
-        let volume = dense(self.volume, self.weights, self.memory_bytes)?;
+        let volume = RenderVolume::open(self.volume, self.weights, self.level, self.memory_bytes)?;
         let read_ms = milliseconds(began);
-        let mut notes = volume.notes().to_vec();
-        if volume.seen() == 0 {
-            notes.push(format!("{}: no voxel was seen, so the picture is all background", self.volume.display()));
+        if self.look.view.mode == Mode::Slice {
+            return planes::run(self, &volume, began, read_ms);
         }
-        if look.view.mode == Mode::Slice {
-            return planes::run(self, &volume, began, read_ms, notes);
+        let scene = Scene::new(&volume, self.look, self.window, self.threads, self.memory_bytes)?;
+        match &self.task {
+            Task::Pictures => self.pictures(&scene, steps, began, read_ms),
+            Task::Part(part, is_folded) => self.part(&scene, *part, *is_folded, began),
+            Task::Composite(messages) => self.composite(&scene, messages, began, read_ms),
         }
-        let window = self.window.unwrap_or_else(|| volume.range());
-        let settings =
-            RenderSettings { cache: Cache::None, ..look.settings(window, volume.slice_axes(), self.threads)? };
-        let [low, high] = volume.bounds();
-        let stage = RenderRegion::new(volume.world_from_lattice(), low, high)?;
+    }
+
+    fn pictures(&self, scene: &Scene<'_>, steps: Steps<'_>, began: Instant, read_ms: f64) -> Result<Rendered, Failure> {
         let turns = self.turntable.map_or(1, u64::from);
         let step = steps("rendering", turns);
-        let mut pictures = Vec::new();
+        let (mut pictures, mut notes) = (Vec::new(), Vec::new());
         for turn in 0..turns {
             let path = match self.turntable {
-                None => output.to_path_buf(),
-                Some(_) => numbered(output, turn),
+                None => self.output.to_path_buf(),
+                Some(_) => numbered(self.output, turn),
             };
             let turned = self.turntable.map(|_| 360.0 * turn as f64 / turns as f64);
-            let drawn = draw(&volume, stage, &settings, look, turned, path);
-            pictures.push(drawn?);
+            let view = self.look.view.view(scene.volume.placed().slice_axes(), turned.unwrap_or(0.0), turned.is_some());
+            let finished = scene.rays(&RenderSettings { view, ..scene.settings.clone() }).picture()?;
+            if turn == 0 {
+                notes.extend(finished.notes.iter().cloned());
+            }
+            pictures.push(self.write(scene, finished, view, path)?);
             step(turn + 1);
         }
         drop(step);
+        self.report(scene, pictures, notes, began, read_ms)
+    }
+
+    fn write(&self, scene: &Scene<'_>, finished: Finished, view: View, path: PathBuf) -> Result<Drawn, Failure> {
+        let began = Instant::now();
+        let over = Over::of_picture(finished.picture, &finished.camera, &scene.region, self.look.background);
+        let drawn = over.write(&self.look.planar.drawn(&[]), &path)?;
+        Ok(Drawn {
+            path,
+            drawn,
+            view: [view.azimuth, view.elevation, view.roll],
+            bands: finished.bands,
+            compositor_bytes: finished.compositor_bytes,
+            prepare_ms: finished.prepare_ms,
+            shade_ms: finished.shade_ms,
+            rays_ms: finished.rays_ms,
+            write_ms: milliseconds(began),
+            numbers: finished.numbers,
+        })
+    }
+
+    fn report(
+        &self,
+        scene: &Scene<'_>,
+        pictures: Vec<Drawn>,
+        mut notes: Vec<String>,
+        began: Instant,
+        read_ms: f64,
+    ) -> Result<Rendered, Failure> {
         let wall_s = began.elapsed().as_secs_f64();
+        notes.extend(scene.volume.notes(self.volume));
+        let (look, settings) = (self.look, &scene.settings);
         let statistics = Statistics {
-            source: Source::new(self, &volume),
+            source: Source::new(self, scene.volume),
             mode: settings.mode.name(),
             transfer: look.view.transfer_name(),
-            window,
+            window: scene.window,
             perspective: look.view.perspective,
             step: look.view.step,
             stop: look.view.stops(),
@@ -123,59 +174,142 @@ impl Request<'_> {
         let document = document(&statistics)?;
         Ok(Rendered { contents: Contents::Rays(settings.view), document, wall_s, notes })
     }
+
+    fn part(&self, scene: &Scene<'_>, part: Part, is_folded: bool, began: Instant) -> Result<Rendered, Failure> {
+        let level = scene.level("--part")?;
+        let failed = |error: io::Error| Failure::io(self.output, "writing", &error);
+        let mut file = BufWriter::new(temporary(self.output).map_err(failed)?);
+        let rays = scene.rays(&scene.settings);
+        let report = message::write_part(&rays, level, part, is_folded, &mut file, failed)?;
+        let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
+        persist(file, self.output).map_err(failed)?;
+        let text = format!("part {}/{}, {} bytes", part.number, part.of, report.message_bytes);
+        let notes = scene.volume.notes(self.volume);
+        let wall_s = began.elapsed().as_secs_f64();
+        Ok(Rendered { contents: Contents::Part(text), document: document(&report)?, wall_s, notes })
+    }
+
+    fn composite(
+        &self,
+        scene: &Scene<'_>,
+        messages: &[PathBuf],
+        began: Instant,
+        read_ms: f64,
+    ) -> Result<Rendered, Failure> {
+        let open = |path: &PathBuf| {
+            let source = File::open(path).map_err(|error| Failure::io(path, "opening", &error))?;
+            Ok(Named { name: path.display().to_string(), source: Box::new(source) })
+        };
+        let messages = messages.iter().map(open).collect::<Result<_, Failure>>()?;
+        let finished = scene.composite(messages)?;
+        let drawn = self.write(scene, finished, scene.settings.view, self.output.to_path_buf())?;
+        self.report(scene, vec![drawn], Vec::new(), began, read_ms)
+    }
 }
 
-/// Returns the picture of a volume. `window` has the grey values of black and white; `None` for
-/// the volume's.
+/// A volume, and all that its pictures by rays depend on.
+pub(crate) struct Scene<'a> {
+    volume: &'a RenderVolume,
+    window: [f32; 2],
+    settings: RenderSettings,
+    region: RenderRegion,
+    pool: Option<Arc<ThreadPool>>,
+    memory_bytes: u64,
+}
+
+impl<'a> Scene<'a> {
+    /// Prepares pictures. `window` has the grey values of black and white; `None` for the volume's.
+    ///
+    /// # Errors
+    /// [`Failure`] when the settings do not suit the volume, or it cannot be read.
+    pub(crate) fn new(
+        volume: &'a RenderVolume,
+        look: &Look,
+        window: Option<[f32; 2]>,
+        threads: usize,
+        memory_bytes: u64,
+    ) -> Result<Self, Failure> {
+        let pool = pool(threads)?;
+        let window = window.unwrap_or_else(|| volume.range(pool.as_deref()));
+        volume.check()?;
+        let placed = volume.placed();
+        let settings = RenderSettings { cache: Cache::None, ..look.settings(window, placed.slice_axes(), threads)? };
+        let [low, high] = placed.bounds();
+        let region = RenderRegion::new(placed.world_from_lattice(), low, high)?;
+        Ok(Self { volume, window, settings, region, pool, memory_bytes })
+    }
+
+    fn rays<'b>(&'b self, settings: &'b RenderSettings) -> Rays<'b> {
+        Rays {
+            volume: self.volume,
+            settings,
+            region: self.region,
+            pool: self.pool.as_deref(),
+            memory_bytes: self.memory_bytes,
+        }
+    }
+
+    /// Returns the level on the disk that `flag` needs.
+    fn level(&self, flag: &str) -> Result<&LevelOnDisk, Failure> {
+        match self.volume {
+            RenderVolume::Level(level) => Ok(level),
+            RenderVolume::Dense(_) => {
+                fail_usage!("{flag}: applies to OME-Zarr volumes, of which a process reads a part; leave it out")
+            }
+        }
+    }
+
+    /// Renders a part of the picture to a message.
+    ///
+    /// # Errors
+    /// [`Failure`] when there is no such part, memory does not suffice, or a chunk cannot be read.
+    pub(crate) fn part(&self, part: Part, is_folded: bool) -> Result<Vec<u8>, Failure> {
+        let mut bytes = Vec::new();
+        let level = self.level("part")?;
+        message::write_part(&self.rays(&self.settings), level, part, is_folded, &mut bytes, Failure::from)?;
+        Ok(bytes)
+    }
+
+    /// Composites the messages of all parts.
+    ///
+    /// # Errors
+    /// [`Failure`] for messages that are damaged, of another picture, given twice or missing.
+    fn composite(&self, messages: Vec<Named>) -> Result<Finished, Failure> {
+        message::composite(&self.rays(&self.settings), self.level("--composite")?, messages)
+    }
+}
+
+/// Returns the picture of a volume. `window` has the grey values of black and white; `None` for the
+/// volume's.
 ///
 /// # Errors
-/// [`Failure`] when the settings do not suit the volume.
+/// [`Failure`] when the settings do not suit the volume, memory does not suffice, or it cannot be
+/// read.
 pub(crate) fn image(
-    volume: &DenseVolume,
+    volume: &RenderVolume,
     look: &Look,
     window: Option<[f32; 2]>,
     threads: usize,
+    memory_bytes: u64,
 ) -> Result<RgbImage, Failure> {
-    let window = window.unwrap_or_else(|| volume.range());
     if look.view.mode == Mode::Slice {
-        return Ok(planes::draw(volume, look, window, threads)?.0);
+        return Ok(planes::draw(volume, look, window, threads)?.image);
     }
-    let settings = RenderSettings { cache: Cache::None, ..look.settings(window, volume.slice_axes(), threads)? };
-    let [low, high] = volume.bounds();
-    let stage = RenderRegion::new(volume.world_from_lattice(), low, high)?;
-    let view = look.view.view(volume.slice_axes(), 0.0, false);
-    let mut renderer = Renderer::new(&RenderSettings { view, ..settings }, stage)?;
-    renderer.update_all(volume);
-    let over = Over { renderer: &renderer, background: look.background, slice: None };
-    Ok(over.image(&look.planar.drawn(&[])).0)
+    let scene = Scene::new(volume, look, window, threads, memory_bytes)?;
+    Ok(over(&scene, scene.rays(&scene.settings).picture()?, look))
 }
 
-fn draw(
-    volume: &DenseVolume,
-    stage: RenderRegion,
-    settings: &RenderSettings,
-    look: &Look,
-    turned: Option<f64>,
-    path: PathBuf,
-) -> Result<Drawn, Failure> {
-    let began = Instant::now();
-    let view = look.view.view(volume.slice_axes(), turned.unwrap_or(0.0), turned.is_some());
-    let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage)?;
-    let prepare_ms = milliseconds(began);
-    let updated = renderer.update_all(volume);
-    let began = Instant::now();
-    let drawn =
-        Over { renderer: &renderer, background: look.background, slice: None }.write(&look.planar.drawn(&[]), &path)?;
-    Ok(Drawn {
-        path,
-        drawn,
-        view: [view.azimuth, view.elevation, view.roll],
-        prepare_ms,
-        shade_ms: updated.shade.as_secs_f64() * 1e3,
-        rays_ms: updated.rays.as_secs_f64() * 1e3,
-        write_ms: milliseconds(began),
-        numbers: PictureNumbers::of(&renderer, look.view.image_size),
-    })
+/// Returns the picture of a volume from the messages of all its parts.
+///
+/// # Errors
+/// Same as [`Scene::composite`].
+pub(crate) fn composited(scene: &Scene<'_>, messages: Vec<Named>, look: &Look) -> Result<RgbImage, Failure> {
+    Ok(over(scene, scene.composite(messages)?, look))
+}
+
+fn over(scene: &Scene<'_>, finished: Finished, look: &Look) -> RgbImage {
+    let over = Over::of_picture(finished.picture, &finished.camera, &scene.region, look.background);
+    over.image(&look.planar.drawn(&[])).0
 }
 
 /// Converts `IMG.png` to `IMG-007.png`.

@@ -14,8 +14,9 @@ use render::camera::View;
 use super::Failure;
 use super::progress::steps;
 use crate::app::input;
+use crate::app::reconstruct::zarr::is_ome_zarr;
 use crate::app::render::look::Look;
-use crate::app::render::{Contents, Rendered, Request, numbered};
+use crate::app::render::{Contents, Rendered, Request, Task, numbered};
 pub use arguments::Arguments;
 use view_flags::Mode;
 
@@ -35,6 +36,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         turntable: *turntable,
         threads: input::threads(arguments.threads),
         memory_bytes: gibibytes(arguments.max_memory)?,
+        level: arguments.level,
+        task: match arguments.part {
+            Some(part) => Task::Part(part, arguments.fold),
+            None if arguments.composite.is_empty() => Task::Pictures,
+            None => Task::Composite(arguments.composite.clone()),
+        },
         look: &look,
     };
     let Rendered { contents, document, wall_s, notes } = request.run(&steps)?;
@@ -43,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     arguments.json.write_text(&document)?;
     let View { azimuth, elevation, roll, .. } = match contents {
-        Contents::Planes(text) => {
+        Contents::Planes(text) | Contents::Part(text) => {
             print_line!("{}: {text}, of {}, in {:.0} ms", output.display(), volume.display(), wall_s * 1e3);
             return Ok(());
         }
@@ -69,9 +76,21 @@ impl Arguments {
     /// Returns the view. Refuses, before the work, impossible outputs and settings that suit no
     /// volume.
     fn look(&self) -> Result<Look, Failure> {
-        input::check_png(&self.output)?;
+        match self.part {
+            None => input::check_png(&self.output)?,
+            Some(_) if input::check_png(&self.output).is_ok() => {
+                fail_usage!(
+                    "{}: --part writes a message, which is no picture; give another name",
+                    self.output.display()
+                )
+            }
+            Some(_) => {}
+        }
         input::check_output(&self.output)?;
-        let inputs = || [Some(&self.volume), self.weights.as_ref()].into_iter().flatten().map(PathBuf::as_path);
+        let inputs = || {
+            let given = [Some(&self.volume), self.weights.as_ref()].into_iter().flatten();
+            given.chain(&self.composite).map(PathBuf::as_path)
+        };
         inputs().try_for_each(|from| input::check_is_not(&self.output, from))?;
         self.json.check(inputs())?;
         if let Some(what) = self.view_flags.planar.drawn().into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe))
@@ -81,10 +100,24 @@ impl Arguments {
                 what.name()
             );
         }
-        if self.view_flags.mode == Mode::Slice && self.turntable.is_some() {
-            fail_usage!("--turntable: does not apply to --mode slice; leave it out");
+        let of_rays = [
+            ("--turntable", self.turntable.is_some()),
+            ("--part", self.part.is_some()),
+            ("--composite", !self.composite.is_empty()),
+        ];
+        if let Some((flag, _)) = of_rays.iter().find(|(_, given)| *given && self.view_flags.mode == Mode::Slice) {
+            fail_usage!("{flag}: does not apply to --mode slice; leave it out");
         }
-        if self.view_flags.planar.wants_weights() && self.weights.is_none() {
+        let in_processes = self.part.is_some() || !self.composite.is_empty();
+        if in_processes && self.view_flags.adaptive > 0.0 {
+            fail_usage!("--adaptive: a picture in parts casts every ray; leave it out");
+        }
+        if in_processes && !is_ome_zarr(&self.volume) {
+            fail_usage!(
+                "--part, --composite: apply to OME-Zarr volumes, of which a process reads a part; leave them out"
+            );
+        }
+        if self.view_flags.planar.wants_weights() && self.weights.is_none() && !is_ome_zarr(&self.volume) {
             fail_usage!(
                 "--overlay weight: the volume's file has no weights; give --weights with a file from `reconstruct \
                 --weights`"
@@ -94,7 +127,7 @@ impl Arguments {
     }
 }
 
-fn gibibytes(gib: f64) -> Result<u64, Failure> {
+pub(super) fn gibibytes(gib: f64) -> Result<u64, Failure> {
     let bytes = gib * f64::from(1 << 30);
     if bytes > 0.0 && bytes.is_finite() {
         return Ok(bytes as u64);

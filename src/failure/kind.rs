@@ -161,6 +161,8 @@ fn by_type(error: &(dyn StdError + 'static)) -> Option<FailureKind> {
             | RenderError::Arity
             | RenderError::Adaptive { .. }
             | RenderError::AdaptiveMode { .. } => Some(FailureKind::Usage),
+            RenderError::Memory { .. } => Some(FailureKind::Memory),
+            RenderError::Message { .. } => Some(FailureKind::Input),
             _ => None,
         };
     }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
 use export::volume::{DenseBox, Encoding, Scalar};
@@ -20,7 +20,7 @@ use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::outputs::Request;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::app::reconstruct::zarr::is_ome_zarr;
-use crate::app::render::image;
+use crate::app::render::{RenderVolume, image};
 use crate::app::volume_input::{self, holds_weights};
 use crate::cli::render::keywords::{Picture, parse};
 use crate::failure::Failure;
@@ -44,10 +44,10 @@ enum Content {
         keywords: Keywords,
         origin: Origin,
         /// The same, as a file of single precision would hold it; made for the first picture.
-        dense: OnceLock<DenseVolume>,
+        dense: OnceLock<Arc<DenseVolume>>,
     },
     /// Values of a file, or of a program.
-    Dense(DenseVolume),
+    Dense(Arc<DenseVolume>),
 }
 
 impl LibraryVolume {
@@ -86,7 +86,7 @@ impl LibraryVolume {
     }
 
     fn of_dense(dense: DenseVolume) -> Self {
-        Self { grid: dense.grid(), content: Content::Dense(dense) }
+        Self { grid: dense.grid(), content: Content::Dense(Arc::new(dense)) }
     }
 
     /// Returns its place in the world.
@@ -106,7 +106,7 @@ impl LibraryVolume {
                 let index = |voxel: [i64; 3]| std::array::from_fn(|a| space.first[a] + voxel[a]);
                 read(outcome.reconstructor.volume(), index, voxels, values, weights);
             }
-            Content::Dense(dense) => read(dense, |voxel| dense.index(voxel), voxels, values, weights),
+            Content::Dense(dense) => read(&**dense, |voxel| dense.index(voxel), voxels, values, weights),
         }
     }
 
@@ -154,12 +154,16 @@ impl LibraryVolume {
     /// # Errors
     /// [`LibraryError`] when a setting does not fit.
     pub fn picture(&self, keywords: &[Keyword]) -> Result<([u32; 2], Vec<u8>), LibraryError> {
-        let Picture { look, window, threads } = parse(keywords)?;
-        let image = image(self.dense()?, &look, window, threads)?;
+        let Picture { look, window, threads, level, .. } = parse(keywords)?;
+        if level.is_some() {
+            return Err(Failure::usage("level: applies to OME-Zarr folders; leave it out, or give the path").into());
+        }
+        let volume = RenderVolume::Dense(Arc::clone(self.dense()?));
+        let image = image(&volume, &look, window, threads, u64::MAX)?;
         Ok(([image.width(), image.height()], image.into_raw()))
     }
 
-    fn dense(&self) -> Result<&DenseVolume, LibraryError> {
+    fn dense(&self) -> Result<&Arc<DenseVolume>, LibraryError> {
         match &self.content {
             Content::Dense(dense) => Ok(dense),
             Content::Reconstruction { dense, .. } => {
@@ -179,7 +183,7 @@ impl LibraryVolume {
                 let path = Path::new("the reconstruction");
                 let made = DenseVolume::read((path, slices), Some((path, of_weights)), u64::MAX);
                 let made = made.map_err(|error| LibraryError::at(path, error))?;
-                Ok(dense.get_or_init(|| made))
+                Ok(dense.get_or_init(|| Arc::new(made)))
             }
         }
     }

@@ -33,6 +33,7 @@ mod live;
 mod modes;
 mod ome_zarr;
 mod ome_zarr_conversion;
+mod parts;
 mod paths;
 mod phantom;
 mod place;

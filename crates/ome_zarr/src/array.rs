@@ -139,8 +139,9 @@ impl LevelArray {
         Ok(Self { path: path.into(), key: key.to_owned(), chunks, leading, element, shape, chunk, shard, fill })
     }
 
-    /// Reads a box, which lies within the array, x fastest, by all threads of the pool.
-    pub(crate) fn read(&self, first: [u64; 3], size: [u64; 3]) -> Result<Vec<f32>, OmeZarrError> {
+    /// Reads a box, which lies within the array, x fastest. The threads of the pool share the work
+    /// if `is_shared`.
+    pub(crate) fn read(&self, first: [u64; 3], size: [u64; 3], is_shared: bool) -> Result<Vec<f32>, OmeZarrError> {
         let mut voxels = vec![self.fill; size.iter().product::<u64>() as usize];
         let ends: [[u64; 2]; 3] =
             std::array::from_fn(|a| [first[a] / self.chunk[a], (first[a] + size[a]).div_ceil(self.chunk[a])]);
@@ -156,14 +157,18 @@ impl LevelArray {
             parts.push((layer, from, part));
             rest = behind;
         }
-        parts.into_par_iter().try_for_each(|(layer, from, part)| {
+        let read = |(layer, from, part): (u64, u64, &mut [f32])| {
             let box_first = [from, first[1], first[2]];
             let box_size = [(part.len() / plane) as u64, size[1], size[2]];
             for chunk in indices([layer, ends[1][0], ends[2][0]], [layer + 1, ends[1][1], ends[2][1]]) {
                 self.read_part(chunk, box_first, box_size, part)?;
             }
             Ok(())
-        })?;
+        };
+        match is_shared {
+            true => parts.into_par_iter().try_for_each(read)?,
+            false => parts.into_iter().try_for_each(read)?,
+        }
         Ok(voxels)
     }
 
@@ -193,6 +198,11 @@ impl LevelArray {
             }
         }
         Ok(())
+    }
+
+    /// Returns the bytes of the chunks read so far, as they are stored.
+    pub(crate) fn bytes_read(&self) -> u64 {
+        self.chunks.bytes_read()
     }
 
     /// Returns the chunks that are stored, by their index along z, y, x, sorted.

@@ -6,6 +6,7 @@
 use std::num::NonZeroU64;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::Value;
 use zarrs::array::codec::api::{ArrayToBytesCodecTraits as _, CodecError};
@@ -60,6 +61,8 @@ pub(crate) struct Chunks {
     shards: Option<Shards>,
     /// Most bytes that a chunk's zstd frame may have, if it is one.
     most_in_frame: Option<u64>,
+    /// Bytes of the chunks read so far, as they are stored.
+    bytes_read: AtomicU64,
     /// Elements of a chunk along all axes.
     pub(crate) chunk: Vec<NonZeroU64>,
     /// Elements of a shard along all axes; those of a chunk without shards.
@@ -115,12 +118,13 @@ impl Chunks {
         let shards = Some(Shards { codecs, bytes, is_at_end, shape, cache: Cache::new(INDEX_BYTES) });
         let most_in_frame = most_in_frame(&array, list(&configuration["codecs"]), &chunk);
         let codecs = Arc::new(chain(&configuration["codecs"])?);
-        Ok(Self { array, codecs, shards, most_in_frame, chunk, shard })
+        Ok(Self { array, codecs, shards, most_in_frame, bytes_read: AtomicU64::new(0), chunk, shard })
     }
 
     fn without_shards(array: Array<FolderStore>, codecs: &[Value], chunk: Vec<NonZeroU64>) -> Self {
         let most_in_frame = most_in_frame(&array, codecs, &chunk);
-        Self { codecs: array.codecs(), array, shards: None, most_in_frame, shard: chunk.clone(), chunk }
+        let bytes_read = AtomicU64::new(0);
+        Self { codecs: array.codecs(), array, shards: None, most_in_frame, bytes_read, shard: chunk.clone(), chunk }
     }
 
     /// Returns the bytes of the value that chunks have where they are not stored.
@@ -133,6 +137,7 @@ impl Chunks {
     pub(crate) fn read(&self, index: &[u64]) -> Result<Option<Vec<u8>>, Fault> {
         let Some((key, range)) = self.locate(index)? else { return Ok(None) };
         let Some(bytes) = self.array.storage().get_partial(&key, range)? else { return Ok(None) };
+        self.bytes_read.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         if claimed_size(&bytes).zip(self.most_in_frame).is_some_and(|(claimed, most)| claimed > most) {
             return Err(Fault::Damaged("a chunk claims to be larger than all others".to_owned()));
         }
@@ -144,6 +149,11 @@ impl Chunks {
         let decoded = decoded.map_err(|_| Fault::Damaged("an index within is out of range".to_owned()))??;
         let elements = decoded.into_fixed().map_err(|error| Fault::Damaged(error.to_string()))?;
         Ok(Some(elements.into_owned()))
+    }
+
+    /// Returns the bytes of the chunks read so far, as they are stored; without indices.
+    pub(crate) fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
     }
 
     /// Returns whether a chunk is stored.

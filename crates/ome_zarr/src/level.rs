@@ -1,15 +1,23 @@
 //! A level of a volume for renderers: chunks are read when they are needed.
 
+use std::collections::{BTreeSet, HashSet};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use sonoweave_core::frames::{Transform, Volume, World};
+use rayon::prelude::*;
+use serde::Serialize;
 use volume::brick::{BrickIndex, EDGE, VOXELS};
-use volume::lattice::{Canonical, canonical};
-use volume::{Grid, Values};
+use volume::read::SEEN;
+use volume::{PlacedHeader, Values};
 
+use crate::array::LevelArray;
 use crate::cache::Cache;
 use crate::error::OmeZarrError;
 use crate::reader::{Level, OmeZarr};
+use crate::slices::{header, pixel};
+
+/// Locks of chunks that are being read, so that a chunk which several threads need is read once.
+const LOCKS: usize = 64;
 
 /// Values and weights of a level, on its [canonical](volume::lattice) lattice: voxels have the
 /// indices that they have in a volume read from a file of another format.
@@ -18,13 +26,28 @@ use crate::reader::{Level, OmeZarr};
 /// damaged chunk are unseen, and [`Self::fault`] has the first error.
 pub struct LevelValues {
     level: Arc<Level>,
-    canonical: Canonical,
-    slices_box: Option<[[i64; 3]; 2]>,
+    placed: PlacedHeader,
     /// Chunks that may hold seen voxels, by index along z, y, x, sorted.
     chunks: Vec<[u64; 3]>,
+    /// Bricks that chunks meet, chunk by chunk.
     bricks: Vec<BrickIndex>,
     cache: Cache<Chunk>,
+    cache_bytes: u64,
+    locks: [Mutex<()>; LOCKS],
+    chunks_read: AtomicU64,
+    has_not_finite: AtomicBool,
     fault: Mutex<Option<OmeZarrError>>,
+}
+
+/// Work of reading a level.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct ChunkWork {
+    /// Chunks that may hold seen voxels.
+    pub chunks: u64,
+    /// Chunks read; one counts again if it was read again, for want of memory.
+    pub chunks_read: u64,
+    /// Bytes of the read chunks of values and weights, as they are stored.
+    pub bytes_read: u64,
 }
 
 /// Voxels of a chunk, x fastest; 0 where nothing was seen.
@@ -40,39 +63,115 @@ impl LevelValues {
     /// `cache_bytes` stay in memory.
     ///
     /// # Errors
-    /// [`OmeZarrError`] when there is no such level, or a shard's index is damaged.
+    /// [`OmeZarrError`] when there is no such level, a shard's index is damaged, or the size
+    /// exceeds 32 bits.
     pub fn new(volume: &OmeZarr, level: usize, cache_bytes: u64) -> Result<Self, OmeZarrError> {
-        let slices_box = volume.slices_box().filter(|_| level == 0);
-        let level = volume.level(level)?.clone();
-        let chunks = seen_chunks(&level)?;
-        let canonical = canonical(level.world_from_volume);
-        let bricks = bricks(&level, &canonical, &chunks);
-        let (cache, fault) = (Cache::new(cache_bytes), Mutex::new(None));
-        Ok(Self { level, canonical, slices_box, chunks, bricks, cache, fault })
+        let of = volume.level(level)?.clone();
+        let placed = PlacedHeader::new(header(volume, level, pixel(of.values.element))?);
+        let chunks = seen_chunks(&of)?;
+        let bricks = bricks(&of, placed.offset(), &chunks);
+        Ok(Self {
+            level: of,
+            placed,
+            chunks,
+            bricks,
+            cache: Cache::new(cache_bytes),
+            cache_bytes,
+            locks: std::array::from_fn(|_| Mutex::new(())),
+            chunks_read: AtomicU64::new(0),
+            has_not_finite: AtomicBool::new(false),
+            fault: Mutex::new(None),
+        })
     }
 
-    /// Returns the grid, by the indices of the level's elements.
-    pub fn grid(&self) -> Grid {
-        self.level.grid
+    /// Returns the header, as that of a file of another format, and the voxels' place.
+    pub fn placed(&self) -> &PlacedHeader {
+        &self.placed
     }
 
-    /// Maps canonical voxel indices to world mm.
-    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        self.canonical.world_from_lattice
+    /// Returns the work done so far.
+    pub fn work(&self) -> ChunkWork {
+        let arrays = [Some(&self.level.values), self.level.weights.as_ref()];
+        ChunkWork {
+            chunks: self.chunks.len() as u64,
+            chunks_read: self.chunks_read.load(Ordering::Relaxed),
+            bytes_read: arrays.into_iter().flatten().map(LevelArray::bytes_read).sum(),
+        }
     }
 
-    /// Converts the index of an element to its canonical index.
-    pub fn index(&self, element: [i64; 3]) -> [i64; 3] {
-        self.canonical.index(element)
+    /// Returns whether a voxel that was read has a weight and a value that is not finite. It counts
+    /// as unseen.
+    pub fn has_not_finite(&self) -> bool {
+        self.has_not_finite.load(Ordering::Relaxed)
     }
 
-    /// First and last voxel of the box to view, by canonical index: the slices' box if the volume
-    /// has one and this is level 0, else the whole level.
-    pub fn bounds(&self) -> [[i64; 3]; 2] {
-        let all = [[0; 3], self.level.grid.size.map(|n| n as i64 - 1)];
-        let elements =
-            self.slices_box.map(|ends| ends.map(|end| std::array::from_fn(|a| end[a] - self.level.first[a])));
-        elements.unwrap_or(all).map(|element| self.canonical.index(element))
+    /// Returns whether the volume has weights.
+    pub fn has_weights(&self) -> bool {
+        self.level.weights.is_some()
+    }
+
+    /// Returns the memory of a chunk's voxels, bytes.
+    pub fn chunk_bytes(&self) -> u64 {
+        2 * size_of::<f32>() as u64 * self.level.values.chunk.iter().product::<u64>()
+    }
+
+    /// Cuts bricks, in the order of [`Values::bricks`], into groups whose chunks take about half
+    /// of the memory for chunks, to be [loaded](Self::load) one after the other.
+    pub fn groups<'a>(&self, bricks: &'a [BrickIndex]) -> impl Iterator<Item = &'a [BrickIndex]> + use<'a> {
+        let at_once = (self.cache_bytes / 2 / self.chunk_bytes()).max(1);
+        let in_chunk: u64 = self.level.values.chunk.iter().map(|edge| edge.div_ceil(EDGE as u64)).product();
+        bricks.chunks(usize::try_from(at_once.saturating_mul(in_chunk)).unwrap_or(usize::MAX))
+    }
+
+    /// Reads the chunks that some bricks meet, unless they are in memory: the threads of a pool at
+    /// once, or the calling thread. The bricks can then be read without waiting for the disk.
+    pub fn load(&self, bricks: &[BrickIndex], pool: Option<&rayon::ThreadPool>) {
+        let edge = EDGE as i64;
+        let mut wanted = BTreeSet::new();
+        for brick in bricks {
+            let ends: [[u64; 2]; 3] = std::array::from_fn(|a| {
+                let axis = 2 - a;
+                let first = i64::from(brick[axis]) * edge - self.placed.offset()[axis];
+                let [shape, edge_of_chunk] = [self.level.values.shape[a], self.level.values.chunk[a]];
+                match [first, first + edge].map(|at| at.clamp(0, shape as i64) as u64) {
+                    [from, to] if from < to => [from / edge_of_chunk, to.div_ceil(edge_of_chunk)],
+                    _ => [0, 0],
+                }
+            });
+            for z in ends[0][0]..ends[0][1] {
+                for y in ends[1][0]..ends[1][1] {
+                    wanted.extend((ends[2][0]..ends[2][1]).map(|x| [z, y, x]));
+                }
+            }
+        }
+        self.read_chunks(&Vec::from_iter(wanted), pool);
+    }
+
+    /// Returns values of black and white: those of the volume, else of the scalar type, else the
+    /// smallest and the largest seen, for which all chunks are read.
+    pub fn range(&self, pool: Option<&rayon::ThreadPool>) -> [f32; 2] {
+        if let Some(range) = self.placed.range() {
+            return range;
+        }
+        let at_once = usize::try_from((self.cache_bytes / 2 / self.chunk_bytes()).max(1)).unwrap_or(usize::MAX);
+        let [mut low, mut high] = [f32::INFINITY, f32::NEG_INFINITY];
+        for group in self.chunks.chunks(at_once) {
+            self.read_chunks(group, pool);
+            for chunk in group.iter().filter_map(|index| self.chunk(*index)) {
+                for (value, _) in chunk.values.iter().zip(&chunk.weights).filter(|(_, weight)| **weight > 0.0) {
+                    (low, high) = (low.min(*value), high.max(*value));
+                }
+            }
+        }
+        self.placed.range_of((low <= high).then_some([low, high]))
+    }
+
+    fn read_chunks(&self, wanted: &[[u64; 3]], pool: Option<&rayon::ThreadPool>) {
+        let read = |index: &[u64; 3]| drop(self.chunk(*index));
+        match pool {
+            None => wanted.iter().for_each(read),
+            Some(pool) => pool.install(|| wanted.par_iter().for_each(read)),
+        }
     }
 
     /// Returns the first error of reading, once.
@@ -86,13 +185,25 @@ impl LevelValues {
         if let Some(chunk) = self.cache.get(index) {
             return Some(chunk);
         }
+        // Neighbours, which are needed at about the same time, have other locks.
+        let lock = (index[0] * 16 + index[1] * 4 + index[2]) as usize % LOCKS;
+        let _reading = self.locks[lock].lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(chunk) = self.cache.get(index) {
+            return Some(chunk);
+        }
+        self.chunks_read.fetch_add(1, Ordering::Relaxed);
         let edges = self.level.values.chunk;
         let first: [u64; 3] = std::array::from_fn(|a| index[a] * edges[a]);
         let size: [u64; 3] = std::array::from_fn(|a| edges[a].min(self.level.values.shape[a] - first[a]));
-        match self.level.read(first, size) {
+        // A thread that holds the lock must not take up other work, which may need it.
+        match self.level.read(first, size, false) {
             Ok([mut values, mut weights]) => {
                 for (value, weight) in values.iter_mut().zip(&mut weights) {
-                    if !(*weight > 0.0 && weight.is_finite() && value.is_finite()) {
+                    let is_seen = *weight > SEEN && weight.is_finite();
+                    if is_seen && !value.is_finite() {
+                        self.has_not_finite.store(true, Ordering::Relaxed);
+                    }
+                    if !(is_seen && value.is_finite()) {
                         (*value, *weight) = (0.0, 0.0);
                     }
                 }
@@ -114,7 +225,7 @@ impl LevelValues {
         let (shape, edges) = (self.level.values.shape, self.level.values.chunk);
         let (mut chunk, mut place) = ([0; 3], [0; 3]);
         for (a, axis) in [2, 1, 0].into_iter().enumerate() {
-            let element = voxel[axis].checked_sub(self.canonical.offset[axis])?;
+            let element = voxel[axis].checked_sub(self.placed.offset()[axis])?;
             let element = u64::try_from(element).ok().filter(|element| *element < shape[a])?;
             (chunk[a], place[a]) = (element / edges[a], (element % edges[a]) as usize);
         }
@@ -132,30 +243,32 @@ fn seen_chunks(level: &Level) -> Result<Vec<[u64; 3]>, OmeZarrError> {
     }
 }
 
-/// Returns the bricks that chunks meet, each once, on the canonical lattice.
-fn bricks(level: &Level, canonical: &Canonical, chunks: &[[u64; 3]]) -> Vec<BrickIndex> {
+/// Returns the bricks that chunks meet, each once, chunk by chunk, on the canonical lattice of that
+/// offset. Bricks are then read with few chunks in memory.
+fn bricks(level: &Level, offset: [i64; 3], chunks: &[[u64; 3]]) -> Vec<BrickIndex> {
     let edge = EDGE as i64;
     let mut bricks = Vec::new();
+    let mut met = HashSet::new();
     for chunk in chunks {
         let ends: [[i64; 2]; 3] = std::array::from_fn(|axis| {
             let a = 2 - axis;
             let first = (chunk[a] * level.values.chunk[a]) as i64;
             let last = ((chunk[a] + 1) * level.values.chunk[a]).min(level.values.shape[a]) as i64 - 1;
-            [first, last].map(|at| at.saturating_add(canonical.offset[axis]).div_euclid(edge))
+            [first, last].map(|at| at.saturating_add(offset[axis]).div_euclid(edge))
         });
         for z in ends[2][0]..=ends[2][1] {
             for y in ends[1][0]..=ends[1][1] {
                 for x in ends[0][0]..=ends[0][1] {
                     // Rendering is limited to 31-bit indices.
-                    if let [Ok(x), Ok(y), Ok(z)] = [x, y, z].map(i32::try_from) {
+                    if let [Ok(x), Ok(y), Ok(z)] = [x, y, z].map(i32::try_from)
+                        && met.insert([x, y, z])
+                    {
                         bricks.push([x, y, z]);
                     }
                 }
             }
         }
     }
-    bricks.sort_unstable_by_key(|[x, y, z]| [*z, *y, *x]);
-    bricks.dedup();
     bricks
 }
 
@@ -169,7 +282,7 @@ impl Values for LevelValues {
             let voxel = [start[0].saturating_add(done as i64), start[1], start[2]];
             let Some((index, [z, y, x])) = self.locate(voxel) else {
                 // Before the level, or behind it.
-                let ahead = self.canonical.offset[0].saturating_sub(voxel[0]);
+                let ahead = self.placed.offset()[0].saturating_sub(voxel[0]);
                 if ahead <= 0 {
                     return;
                 }

@@ -48,7 +48,7 @@ mod writer;
 
 pub use error::{BadMeta, BadShard, OmeZarrError};
 pub use extent::{Extent, ShardIndex};
-pub use level::LevelValues;
+pub use level::{ChunkWork, LevelValues};
 pub use meta::Meta;
 pub use reader::OmeZarr;
 pub use region::{RegionWriter, plan_path};

@@ -53,11 +53,12 @@ pub(crate) struct Level {
 
 impl Level {
     /// Reads a box of elements within the array, along z, y, x: values as they are stored, and
-    /// weights. Without weights, seen voxels have weight 1.
-    pub(crate) fn read(&self, first: [u64; 3], size: [u64; 3]) -> Result<[Vec<f32>; 2], OmeZarrError> {
-        let values = self.values.read(first, size)?;
+    /// weights. Without weights, seen voxels have weight 1. The threads of the pool share the work
+    /// if `is_shared`.
+    pub(crate) fn read(&self, first: [u64; 3], size: [u64; 3], is_shared: bool) -> Result<[Vec<f32>; 2], OmeZarrError> {
+        let values = self.values.read(first, size, is_shared)?;
         let weights = match &self.weights {
-            Some(weights) => weights.read(first, size)?,
+            Some(weights) => weights.read(first, size, is_shared)?,
             None => values.iter().map(|value| if self.is_seen(*value) { 1.0 } else { 0.0 }).collect(),
         };
         Ok([values, weights])
@@ -206,7 +207,7 @@ impl OmeZarr {
         for index in coarsest.values.all_chunks() {
             let first: [u64; 3] = std::array::from_fn(|a| index[a] * chunk[a]);
             let size = std::array::from_fn(|a| chunk[a].min(shape[a] - first[a]));
-            let [values, weights] = coarsest.read(first, size)?;
+            let [values, weights] = coarsest.read(first, size, true)?;
             for (value, _) in values.into_iter().zip(weights).filter(|(value, w)| *w > 0.0 && value.is_finite()) {
                 (low, high) = (low.min(value), high.max(value));
             }
@@ -253,7 +254,7 @@ impl OmeZarr {
         if count.contains(&0) {
             return Ok((values, weights));
         }
-        let [read_values, read_weights] = of.read(inner, count)?;
+        let [read_values, read_weights] = of.read(inner, count, true)?;
         let ([nx, ny, _], [_, rows, row]) = (size.map(|n| n as usize), count.map(|n| n as usize));
         for (line, (from_values, from_weights)) in
             read_values.chunks_exact(row).zip(read_weights.chunks_exact(row)).enumerate()

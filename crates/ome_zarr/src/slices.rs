@@ -36,12 +36,7 @@ impl SliceReader {
     /// # Errors
     /// [`OmeZarrError`] when there is no such level, or its size exceeds 32 bits.
     pub fn values(volume: &Arc<OmeZarr>, level: usize) -> Result<Self, OmeZarrError> {
-        let pixel = match volume.level(level)?.values.element {
-            Element::U8 => PixelType::U8,
-            Element::U16 => PixelType::U16,
-            Element::I16 => PixelType::I16,
-            _ => PixelType::F32,
-        };
+        let pixel = pixel(volume.level(level)?.values.element);
         Self::new(volume, level, pixel, false)
     }
 
@@ -56,18 +51,7 @@ impl SliceReader {
 
     fn new(volume: &Arc<OmeZarr>, level: usize, pixel: PixelType, is_weights: bool) -> Result<Self, OmeZarrError> {
         let of = volume.level(level)?;
-        let Grid { origin, spacing, direction, size } = of.grid;
-        let [x, y, z] = size.map(|n| u32::try_from(n).ok());
-        let (Some(x), Some(y), Some(z)) = (x, y, z) else {
-            return Err(OmeZarrError::Memory { path: volume.path().into(), level, size });
-        };
-        let header = VolumeHeader {
-            spacing: spacing.to_array(),
-            origin: origin.to_array(),
-            axes: [direction.x_axis, direction.y_axis, direction.z_axis].map(|axis| axis.to_array()),
-            fields: fields(volume, level, of.first),
-            ..VolumeHeader::new([x, y, z], pixel)
-        };
+        let (header, size) = (header(volume, level, pixel)?, of.grid.size);
         // Values and weights are read together.
         let slice_bytes = 2 * size_of::<f32>() as u64 * size[0] * size[1];
         let at_once = (SLAB_BYTES / slice_bytes.max(1)).clamp(1, of.values.chunk[0]);
@@ -115,15 +99,50 @@ impl VolumeSlices for SliceReader {
     }
 }
 
+/// Returns the scalar type as which a level's values are read.
+pub(crate) fn pixel(element: Element) -> PixelType {
+    match element {
+        Element::U8 => PixelType::U8,
+        Element::U16 => PixelType::U16,
+        Element::I16 => PixelType::I16,
+        _ => PixelType::F32,
+    }
+}
+
+/// Returns the header of a level.
+///
+/// # Errors
+/// [`OmeZarrError`] when there is no such level, or its size exceeds 32 bits.
+pub(crate) fn header(volume: &OmeZarr, level: usize, pixel: PixelType) -> Result<VolumeHeader, OmeZarrError> {
+    let of = volume.level(level)?;
+    let Grid { origin, spacing, direction, size } = of.grid;
+    let [x, y, z] = size.map(|n| u32::try_from(n).ok());
+    let (Some(x), Some(y), Some(z)) = (x, y, z) else {
+        return Err(OmeZarrError::Memory { path: volume.path().into(), level, size });
+    };
+    Ok(VolumeHeader {
+        spacing: spacing.to_array(),
+        origin: origin.to_array(),
+        axes: [direction.x_axis, direction.y_axis, direction.z_axis].map(|axis| axis.to_array()),
+        fields: fields(volume, level, of.first),
+        ..VolumeHeader::new([x, y, z], pixel)
+    })
+}
+
 /// Returns the volume's fields, with the slices' box by the level's own indices.
 fn fields(volume: &OmeZarr, level: usize, first: [i64; 3]) -> Vec<(String, String)> {
     let mut fields = volume.fields().to_vec();
-    fields.retain(|(name, _)| name != SLICES_BOX_FIELD || level == 0);
-    if let (Some(bounds), true) = (volume.slices_box(), level > 0) {
-        let corner = |corner: [i64; 3]| {
-            std::array::from_fn::<_, 3, _>(|a| (corner[a].div_euclid(1 << level) - first[a]).to_string()).join(" ")
-        };
-        fields.push((SLICES_BOX_FIELD.into(), bounds.map(corner).join(" ")));
+    let Some(bounds) = volume.slices_box() else {
+        fields.retain(|(name, _)| name != SLICES_BOX_FIELD || level == 0);
+        return fields;
+    };
+    let corner = |corner: [i64; 3]| {
+        std::array::from_fn::<_, 3, _>(|a| (corner[a].div_euclid(1 << level) - first[a]).to_string()).join(" ")
+    };
+    let own = bounds.map(corner).join(" ");
+    match fields.iter_mut().find(|(name, _)| name == SLICES_BOX_FIELD) {
+        Some((_, text)) => *text = own,
+        None => fields.push((SLICES_BOX_FIELD.into(), own)),
     }
     fields
 }

@@ -83,6 +83,27 @@ pub enum RenderError {
         /// Layers of bricks along the region's z axis.
         layers: u32,
     },
+    /// Rows that a picture does not have.
+    #[error("a picture of {height} rows has no rows {first} to before {end}: give some of its own")]
+    Rows {
+        /// The first row.
+        first: u32,
+        /// The one after the last.
+        end: u32,
+        /// Rows of the picture.
+        height: u32,
+    },
+    /// More memory than allowed, however the picture is cut.
+    #[error(
+        "the smallest part of the picture would take {needed} MB of memory, of which {limit} may be taken: raise the memory limit, or ask for a smaller picture, a longer step or a coarser level",
+        needed = needed_bytes.div_ceil(1_000_000), limit = limit_bytes / 1_000_000
+    )]
+    Memory {
+        /// Memory needed, bytes.
+        needed_bytes: u64,
+        /// Memory allowed, bytes.
+        limit_bytes: u64,
+    },
     /// Adaptive rays in parts.
     #[error("a picture in {parts} parts casts every ray: choose adaptive 0, or leave out the parts")]
     AdaptiveParts {

@@ -1,5 +1,7 @@
 //! The shaded voxels and the rows of one picture, for one or three channels of light.
 
+use std::ops::Range;
+
 use simd::Simd;
 use simd::sharing::Sharing;
 
@@ -35,6 +37,8 @@ pub(super) type Image = Channels<Layers<1>, Layers<3>>;
 
 pub(super) struct Layers<const C: usize> {
     pub(super) voxels: Voxels<C>,
+    /// Number of the first row in the picture.
+    pub(super) first_row: u32,
     pub(super) rows: Vec<Row<C>>,
     /// The picture, if it does not have one ray a pixel.
     pub(super) sparse: Option<Sparse<C>>,
@@ -48,8 +52,13 @@ impl Image {
 
 impl<const C: usize> Layers<C> {
     pub(super) fn new(camera: &Camera, region: &RenderRegion, settings: &RenderSettings) -> Self {
-        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, region, j)).collect();
-        Self { voxels: Voxels::new(region, settings), rows, sparse: None }
+        Self::of_rows(camera, region, settings, 0..camera.size()[1])
+    }
+
+    pub(super) fn of_rows(camera: &Camera, region: &RenderRegion, settings: &RenderSettings, rows: Range<u32>) -> Self {
+        let first_row = rows.start;
+        let rows = rows.map(|j| Row::new(camera, region, j)).collect();
+        Self { voxels: Voxels::new(region, settings), first_row, rows, sparse: None }
     }
 
     /// Casts again the rays that some changes can have reached.

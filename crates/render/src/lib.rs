@@ -51,9 +51,10 @@ mod tests;
 
 pub use error::RenderError;
 pub use mode::{Mode, Shading};
+pub use partition::{Compositor, Part, Plan};
 pub use pick::Picked;
 pub use picture::Picture;
 pub use region::RenderRegion;
-pub use renderer::{Progress, RenderMemory, Renderer, Updated};
+pub use renderer::{Progress, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};
-pub use work::RenderWork;
+pub use work::{RenderMemory, RenderWork};

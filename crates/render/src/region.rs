@@ -4,7 +4,7 @@
 use glam::{DAffine3, DVec3};
 
 use sonoweave_core::frames::{Transform, Volume, World};
-use volume::brick::EDGE;
+use volume::brick::{BrickIndex, EDGE};
 
 use super::error::RenderError;
 
@@ -72,6 +72,17 @@ impl RenderRegion {
     /// Returns the number of bricks along each axis.
     pub fn bricks(&self) -> [u32; 3] {
         self.bricks
+    }
+
+    /// Returns whether a brick, by lattice index divided by 8, is one of the region's.
+    pub fn holds(&self, brick: BrickIndex) -> bool {
+        self.place(brick).is_some()
+    }
+
+    /// Returns the place of a brick among the region's; `None` if it is none of them.
+    pub(super) fn place(&self, brick: BrickIndex) -> Option<[i64; 3]> {
+        let at: [i64; 3] = std::array::from_fn(|a| i64::from(brick[a]) - self.first[a] / EDGE as i64);
+        (0..3).all(|a| (0..i64::from(self.bricks[a])).contains(&at[a])).then_some(at)
     }
 
     /// Returns the transform from region coordinates to world mm.

@@ -26,7 +26,7 @@ use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::shaded::Dirty;
 use super::snapshot::{Changed, VoxelSnapshot};
-use super::work::RenderWork;
+use super::work::{RenderMemory, RenderWork};
 
 /// Time and work of an update.
 #[derive(Debug, Clone, Copy, Default)]
@@ -37,15 +37,6 @@ pub struct Updated {
     pub rays: Duration,
     /// Work done.
     pub work: RenderWork,
-}
-
-/// Memory in use, bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct RenderMemory {
-    /// Values, weights and shaded voxels.
-    pub voxels: u64,
-    /// Rays and their caches.
-    pub rays: u64,
 }
 
 /// Refinement progress of a view.

@@ -1,5 +1,5 @@
-//! Counters of the work done, which show that only changed parts were rendered. The statistics
-//! contain them unchanged.
+//! Counters of the work done, which show that only changed parts were rendered, and of memory. The
+//! statistics contain them unchanged.
 
 use serde::Serialize;
 
@@ -60,4 +60,13 @@ impl std::ops::AddAssign for RenderWork {
         self.regions_small += other.regions_small;
         self.coarse_rays += other.coarse_rays;
     }
+}
+
+/// Memory in use, bytes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RenderMemory {
+    /// Values, weights and shaded voxels.
+    pub voxels: u64,
+    /// Rays and their caches.
+    pub rays: u64,
 }

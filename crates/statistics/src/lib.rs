@@ -11,7 +11,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 pub use live::{IgtlNumbers, LiveStatistics};
-pub use picture::{PictureNumbers, PictureStatistics};
+pub use picture::{PartNumbers, PictureNumbers, PictureStatistics};
 pub use process::ProcessNumbers;
 pub use work::{RegionNumbers, RegionWork, WorkNumbers};
 

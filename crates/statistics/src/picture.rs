@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use render::classify::light::{DepthCue, Light, Parts, Source};
-use render::{RenderWork, Renderer, Shading};
+use render::{Cache, RenderMemory, RenderSettings, RenderWork, Renderer, Shading};
 
 use super::Milliseconds;
 
@@ -86,7 +86,47 @@ pub struct PictureNumbers {
     pub notes: Vec<String>,
 }
 
+/// Numbers of a picture that was rendered part after part.
+#[derive(Debug, Clone, Default)]
+pub struct PartNumbers {
+    /// Samples along a ray.
+    pub samples: u32,
+    /// Samples of a block.
+    pub arity: u32,
+    /// Number of parts.
+    pub parts: u32,
+    /// Most memory of a part.
+    pub memory: RenderMemory,
+    /// Bricks of all parts; one that two parts needed counts twice.
+    pub bricks: usize,
+    /// Work of all parts.
+    pub work: RenderWork,
+}
+
 impl PictureNumbers {
+    /// Returns the numbers of a picture that was rendered part after part.
+    pub fn of_parts(settings: &RenderSettings, parts: PartNumbers) -> Self {
+        let PartNumbers { samples, arity, parts, memory, bricks, work } = parts;
+        let mode = settings.mode;
+        Self {
+            image_size: settings.size,
+            mode: mode.name(),
+            shading: mode.shading().map(Shading::name),
+            isovalue: mode.isovalue(),
+            light: mode.is_lit().then(|| LightNumbers::of(settings.light)),
+            samples_per_ray: samples,
+            arity,
+            adaptive: 0.0,
+            parts,
+            cache: Cache::OneLevel.name(),
+            cache_bytes: memory.rays,
+            voxel_bytes: memory.voxels,
+            bricks,
+            work,
+            notes: Vec::new(),
+        }
+    }
+
     /// Returns the present numbers of a renderer; its pictures have `image_size`.
     pub fn of(renderer: &Renderer, image_size: [u32; 2]) -> Self {
         let memory = renderer.memory();

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use formats::Limits;
 use formats::image::{VolumeHeader, VolumeReader, VolumeSlices};
@@ -11,29 +11,18 @@ use sonoweave_core::reading::PixelType;
 
 use super::Grid;
 use super::brick::{BrickIndex, EDGE};
-use super::lattice::{Canonical, canonical};
+use super::placed::{PlacedHeader, field, grid};
+pub use super::placed::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD};
 use super::read::{SEEN, Values};
 
 /// Header field with the value of voxels that were not seen.
 pub const UNSEEN_FIELD: &str = "SonoweaveUnseen";
-/// Header field with the box that the slices' data reaches: first and last voxel, both
-/// inclusive, as indices from the file's first voxel.
-pub const SLICES_BOX_FIELD: &str = "SonoweaveSlicesBox";
-/// Header field with the slices' mean directions of u (to the right in the image) and v (away
-/// from the probe): six numbers, world frame.
-pub const SLICE_AXES_FIELD: &str = "SonoweaveSliceAxes";
-/// Header field with the values of black and white in the scanner's image.
-pub const RANGE_FIELD: &str = "SonoweaveRange";
 
 /// Header field with the method by which holes were filled; see `export::fill`.
 pub const FILL_FIELD: &str = "SonoweaveFill";
 /// Header field with the number of filled voxels.
 pub const FILLED_FIELD: &str = "SonoweaveFilled";
 
-/// Grey range if nothing specifies one.
-const GREY_LEVELS: [f32; 2] = [0.0, 255.0];
-/// A box farther from the file's voxels than this is ignored, in voxels.
-const FARTHEST: i64 = 1 << 30;
 /// Two files are on one grid if they agree to this fraction of a voxel at its far end.
 const SAME_GRID: f64 = 1e-3;
 
@@ -41,14 +30,12 @@ const SAME_GRID: f64 = 1e-3;
 /// lattice.
 #[derive(Debug)]
 pub struct DenseVolume {
-    header: VolumeHeader,
-    canonical: Canonical,
+    placed: PlacedHeader,
     /// x fastest. Without weights, NaN marks unseen voxels.
     value: Vec<f32>,
     /// 0 for unseen voxels.
     weight: Option<Vec<f32>>,
     bricks: Vec<BrickIndex>,
-    slices_box: Option<[[i64; 3]; 2]>,
     seen: u64,
     extremes: Option<[f32; 2]>,
     notes: Vec<String>,
@@ -143,7 +130,7 @@ impl DenseVolume {
         limit_bytes: u64,
     ) -> Result<Self, DenseError> {
         let header = reader.header().clone();
-        let grid = checked_grid((path, &header), weights.as_ref().map(|(path, weights)| (*path, weights.header())))?;
+        checked_grid((path, &header), weights.as_ref().map(|(path, weights)| (*path, weights.header())))?;
         let voxels = header.size.iter().try_fold(1_u64, |n, s| n.checked_mul(u64::from(*s)));
         let each = if weights.is_some() { 8 } else { 4 };
         let needed_bytes = voxels.and_then(|n| n.checked_mul(each)).unwrap_or(u64::MAX);
@@ -153,11 +140,8 @@ impl DenseVolume {
         let mut value = scalars(reader, voxels, too_large)?;
         let mut weight = weights.map(|(_, reader)| scalars(reader, voxels, too_large)).transpose()?;
         let notes = hide_unseen(&header, &mut value, weight.as_deref_mut());
-        let canonical = canonical(grid.world_from_volume());
         let mut this = Self {
-            slices_box: slices_box(&header),
-            header,
-            canonical,
+            placed: PlacedHeader::new(header),
             value,
             weight,
             bricks: Vec::new(),
@@ -171,9 +155,9 @@ impl DenseVolume {
 
     /// Determines the number, bricks and value range of seen voxels.
     fn survey(&mut self) {
-        let [nx, ny, nz] = self.header.size.map(i64::from);
+        let [nx, ny, nz] = self.header().size.map(i64::from);
         let edge = EDGE as i64;
-        let first = self.canonical.offset;
+        let first = self.placed.offset();
         let low = first.map(|o| o.div_euclid(edge));
         let count: [usize; 3] = std::array::from_fn(|a| {
             let last = first[a].saturating_add([nx, ny, nz][a] - 1).div_euclid(edge);
@@ -207,63 +191,45 @@ impl DenseVolume {
         self.bricks = places.filter_map(|[x, y, z]| Some([x.ok()?, y.ok()?, z.ok()?])).collect();
     }
 
+    /// The file's header, and the voxels' place.
+    pub fn placed(&self) -> &PlacedHeader {
+        &self.placed
+    }
+
     /// The file's header.
     pub fn header(&self) -> &VolumeHeader {
-        &self.header
+        self.placed.header()
     }
 
     /// Converts a voxel's index in the file to its canonical index.
     pub fn index(&self, voxel: [i64; 3]) -> [i64; 3] {
-        self.canonical.index(voxel)
+        self.placed.index(voxel)
     }
 
     /// The grid of the file's voxels, by their indices in the file.
     pub fn grid(&self) -> Grid {
-        grid(&self.header)
+        self.placed.grid()
     }
 
     /// Maps canonical voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        self.canonical.world_from_lattice
+        self.placed.world_from_lattice()
     }
 
-    /// First and last voxel of the box to view, by canonical index: the slices' box if the file
-    /// has one, else the whole file.
+    /// Same as [`PlacedHeader::bounds`].
     pub fn bounds(&self) -> [[i64; 3]; 2] {
-        let all = [[0; 3], self.header.size.map(|n| i64::from(n) - 1)];
-        self.slices_box.unwrap_or(all).map(|voxel| self.canonical.index(voxel))
+        self.placed.bounds()
     }
 
-    /// The slices' mean directions of u and v in the world, each of length 1, if the file has
-    /// them.
+    /// Same as [`PlacedHeader::slice_axes`].
     pub fn slice_axes(&self) -> Option<[DVec3; 2]> {
-        let [ux, uy, uz, vx, vy, vz] = field::<f64, 6>(&self.header, SLICE_AXES_FIELD)?;
-        let (u, v) = (DVec3::new(ux, uy, uz), DVec3::new(vx, vy, vz));
-        // The file's numbers are used unchanged, so that the view is the same as in replay,
-        // which computes them from the poses.
-        let sane = [u, v].iter().all(|axis| (axis.length() - 1.0).abs() < 1e-6) && u.dot(v).abs() < 1e-6;
-        sane.then_some([u, v])
+        self.placed.slice_axes()
     }
 
     /// Values of black and white: those of the file, else of the scalar type, else
     /// [`Self::extremes`].
     pub fn range(&self) -> [f32; 2] {
-        if let Some([low, high]) = field::<f32, 2>(&self.header, RANGE_FIELD)
-            && low < high
-            && low.is_finite()
-            && high.is_finite()
-        {
-            return [low, high];
-        }
-        let ours = self.header.fields.iter().any(|(name, _)| name.starts_with("Sonoweave"));
-        match (self.header.pixel, self.extremes) {
-            (PixelType::U8, _) => GREY_LEVELS,
-            (PixelType::U16, _) => [0.0, f32::from(u16::MAX)],
-            (PixelType::F32, _) if ours => GREY_LEVELS,
-            (_, Some([low, high])) if low < high => [low, high],
-            (_, Some([low, _])) => [low, low + 1.0],
-            (_, None) => GREY_LEVELS,
-        }
+        self.placed.range_of(self.extremes)
     }
 
     /// Smallest and largest value seen; `None` if nothing was seen.
@@ -274,6 +240,11 @@ impl DenseVolume {
     /// Number of seen voxels.
     pub fn seen(&self) -> u64 {
         self.seen
+    }
+
+    /// Whether weights were read.
+    pub fn has_weights(&self) -> bool {
+        self.weight.is_some()
     }
 
     /// Notes for the user: sentences.
@@ -298,8 +269,9 @@ impl Values for DenseVolume {
         assert_eq!(value.len(), weight.len(), "a value and a weight a voxel");
         value.fill(0.0);
         weight.fill(0.0);
-        let [nx, ny, nz] = self.header.size.map(i64::from);
-        let [x, y, z] = std::array::from_fn(|a| start[a] - self.canonical.offset[a]);
+        let [nx, ny, nz] = self.header().size.map(i64::from);
+        let offset = self.placed.offset();
+        let [x, y, z] = std::array::from_fn(|a| start[a] - offset[a]);
         if !((0..ny).contains(&y) && (0..nz).contains(&z)) {
             return;
         }
@@ -438,34 +410,6 @@ fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f3
         ));
     }
     notes
-}
-
-/// Parses a header field of N numbers; `None` if it is anything else.
-pub fn field<T: std::str::FromStr, const N: usize>(header: &VolumeHeader, name: &str) -> Option<[T; N]> {
-    let (_, text) = header.fields.iter().find(|(field, _)| field == name)?;
-    let numbers: Vec<T> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
-    numbers.try_into().ok()
-}
-
-/// Returns the box of [`SLICES_BOX_FIELD`], if it is valid and near the file's voxels. A
-/// program that cropped or scaled the volume may have kept the field.
-pub fn slices_box(header: &VolumeHeader) -> Option<[[i64; 3]; 2]> {
-    let [lx, ly, lz, hx, hy, hz] = field::<i64, 6>(header, SLICES_BOX_FIELD)?;
-    let (low, high) = ([lx, ly, lz], [hx, hy, hz]);
-    let size = header.size.map(i64::from);
-    let sane = (0..3).all(|a| low[a] <= high[a] && low[a] < size[a] && high[a] >= 0);
-    (sane && low.iter().chain(&high).all(|x| x.abs() < FARTHEST)).then_some([low, high])
-}
-
-/// Returns the grid of a file's voxels.
-fn grid(header: &VolumeHeader) -> Grid {
-    let [x, y, z] = header.axes.map(DVec3::from_array);
-    Grid {
-        origin: DVec3::from_array(header.origin),
-        spacing: DVec3::from_array(header.spacing),
-        direction: DMat3::from_cols(x, y, z),
-        size: header.size.map(u64::from),
-    }
 }
 
 /// Returns the property in which two grids differ.

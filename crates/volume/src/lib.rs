@@ -7,6 +7,7 @@
 //! - [`prism`]: a part of the volume between planes.
 //! - [`lattice`]: one canonical form for all descriptions of a lattice.
 //! - [`dense`]: a volume read from a file.
+//! - [`placed`]: a file's header, and the place that it gives the voxels.
 //! - [`difference`]: the difference of two volumes, where both were seen.
 //! - [`read`]: read access, common to bricks and columns.
 //! - `arena`: the memory of bricks and columns.
@@ -19,6 +20,7 @@ pub mod dense;
 pub mod difference;
 pub mod grid;
 pub mod lattice;
+pub mod placed;
 pub mod prism;
 pub mod read;
 
@@ -27,5 +29,6 @@ pub use brick_volume::BrickVolume;
 pub use columns::ColumnVolume;
 pub use dense::DenseVolume;
 pub use grid::Grid;
+pub use placed::PlacedHeader;
 pub use prism::Prism;
 pub use read::{Values, Voxels};

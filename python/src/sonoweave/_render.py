@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence as SequenceOf
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _arguments as check
+from ._sonoweave import picture
 from ._volume import Volume
 from .errors import InputError
 
@@ -16,8 +18,9 @@ __all__ = ["render", "section"]
 
 
 def render(
-    volume: Volume,
+    volume: Volume | str | os.PathLike[str],
     *,
+    weights: str | os.PathLike[str] | None = None,
     mode: str | None = None,
     view: SequenceOf[float] | None = None,
     size: tuple[int, int] | None = None,
@@ -32,8 +35,12 @@ def render(
 
     Parameters
     ----------
-    volume : Volume
-        The volume.
+    volume : Volume or path
+        The volume, or a file or OME-Zarr folder of one. Chunks of OME-Zarr are read when they are
+        needed, so that the volume may exceed the memory; ``max_memory`` is the limit, GiB, and
+        ``level`` the level of its pyramid.
+    weights : path, optional
+        File of the weights, if the volume is a file.
     mode : str, optional
         Rendering mode: ``shaded``, ``opacity``, ``mip``, ``average``, ``iso``.
     view : two or three floats, optional
@@ -71,12 +78,13 @@ def render(
     ((48, 64, 4), True)
     """
     given = {"mode": mode, "view": view, "window": window, "transfer": transfer, "threads": threads}
-    return _picture(volume, given | {"image_size": _size(size)} | settings)
+    return _picture(volume, weights, given | {"image_size": _size(size)} | settings)
 
 
 def section(
-    volume: Volume,
+    volume: Volume | str | os.PathLike[str],
     *,
+    weights: str | os.PathLike[str] | None = None,
     at: SequenceOf[float] | None = None,
     plane: SequenceOf[float] | None = None,
     size: tuple[int, int] | None = None,
@@ -88,8 +96,11 @@ def section(
 
     Parameters
     ----------
-    volume : Volume
-        The volume.
+    volume : Volume or path
+        The volume, or a file or OME-Zarr folder of one, of which the chunks are read that the
+        planes meet.
+    weights : path, optional
+        File of the weights, if the volume is a file.
     at : three floats, optional
         Intersection of the three planes, world mm. By default the centre of the volume.
     plane : floats, optional
@@ -121,7 +132,7 @@ def section(
     (256, 256, 4)
     """
     given = {"mode": "slice", "at": at, "plane": plane, "window": window, "threads": threads}
-    return _picture(volume, given | {"image_size": _size(size)} | settings)
+    return _picture(volume, weights, given | {"image_size": _size(size)} | settings)
 
 
 def _size(size: tuple[int, int] | None) -> str | None:
@@ -133,7 +144,16 @@ def _size(size: tuple[int, int] | None) -> str | None:
     return "x".join(numbers)
 
 
-def _picture(volume: Volume, settings: dict[str, Any]) -> npt.NDArray[np.uint8]:
+def _picture(
+    volume: Volume | str | os.PathLike[str],
+    weights: str | os.PathLike[str] | None,
+    settings: dict[str, Any],
+) -> npt.NDArray[np.uint8]:
+    keywords = check.keywords(settings)
+    if isinstance(volume, (str, os.PathLike)):
+        return picture(volume, weights, keywords)
     if not isinstance(volume, Volume):
-        raise TypeError(f"volume: must be a Volume, not {type(volume).__name__}")
-    return volume._native.picture(check.keywords(settings))
+        raise TypeError(f"volume: must be a Volume or a path, not {type(volume).__name__}")
+    if weights is not None:
+        raise InputError("weights: a Volume has its own; leave them out, or give paths")
+    return volume._native.picture(keywords)

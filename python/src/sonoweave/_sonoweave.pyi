@@ -8,7 +8,16 @@ import numpy.typing as npt
 _Path: TypeAlias = str | PathLike[str]
 _Keywords: TypeAlias = list[tuple[str, str | None]]
 
-__all__ = ["VERSION", "Calibration", "Reconstruction", "Recording", "Volume"]
+__all__ = [
+    "VERSION",
+    "Calibration",
+    "Reconstruction",
+    "Recording",
+    "Volume",
+    "composite",
+    "picture",
+    "render_part",
+]
 
 VERSION: Final[str]
 
@@ -94,3 +103,13 @@ class Volume:
     @property
     def spacing(self) -> list[float]: ...
     def write(self, path: _Path, keywords: _Keywords, weights: _Path | None) -> str | None: ...
+
+def composite(
+    path: _Path, messages: list[bytes], keywords: _Keywords
+) -> npt.NDArray[np.uint8]: ...
+def picture(
+    path: _Path, weights: _Path | None, keywords: _Keywords
+) -> npt.NDArray[np.uint8]: ...
+def render_part(
+    path: _Path, part: int, parts: int, fold: bool, keywords: _Keywords
+) -> bytes: ...

@@ -106,9 +106,8 @@ pub(crate) struct SweepRow {
 /// [`Failure`] when the batch cannot be read, is not finished and not `partial`, or two subjects
 /// have one label.
 pub(crate) fn read(folder: &RunFolder, partial: bool, key: Option<&PseudonymKey>) -> Result<Card, Failure> {
-    let plan = plan::read(folder)?;
-    let all: Vec<&Planned> = Selection::default().of(&plan)?;
-    let state = status::status_of(folder, &all)?;
+    let plan = plan::read(folder, &Selection::default())?;
+    let state = status::status_of(folder, &plan)?;
     if state.done < state.sweeps && !partial {
         let sentence = format!(
             "{}: {} of {} sweeps are not done; use `batch run` or `batch retry`, or give --partial",

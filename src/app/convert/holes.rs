@@ -9,7 +9,8 @@ use formats::image::{VolumeHeader, VolumeSlices};
 use ome_zarr::{LevelValues, OmeZarr};
 use sonoweave_core::reading::PixelType;
 use volume::brick::{BrickIndex, EDGE, VOXELS};
-use volume::dense::{FILL_FIELD, FILLED_FIELD, UNSEEN_FIELD, field};
+use volume::dense::{FILL_FIELD, FILLED_FIELD, UNSEEN_FIELD};
+use volume::placed::field;
 use volume::{DenseVolume, Grid, Values, Voxels};
 
 use crate::app::reconstruct::filling;
@@ -78,7 +79,7 @@ impl Holes {
     fn first(&self) -> [i64; 3] {
         match self {
             Self::Dense(volume) => volume.index([0; 3]),
-            Self::Level(level) => level.index([0; 3]),
+            Self::Level(level) => level.placed().index([0; 3]),
         }
     }
 

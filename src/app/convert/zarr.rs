@@ -9,7 +9,8 @@ use sha2::{Digest, Sha256};
 use formats::image::{VolumeHeader, VolumeSlices};
 use ome_zarr::{Extent, Meta, OmeZarrWriter, Scalar, ShardIndex, ShardWriter};
 use sonoweave_core::reading::PixelType;
-use volume::dense::{RANGE_FIELD, UNSEEN_FIELD, append, field, slices_box};
+use volume::dense::{RANGE_FIELD, UNSEEN_FIELD, append};
+use volume::placed::{field, slices_box};
 
 use crate::app::input;
 use crate::failure::{Failure, FailureKind};

@@ -8,7 +8,8 @@ use export::annotation::slice::SliceMarks;
 use export::annotation::{copy, cube};
 use export::picture::write_rgb;
 use image::RgbImage;
-use render::Renderer;
+use render::camera::Camera;
+use render::{Picture, RenderRegion, Renderer};
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::Slice;
 
@@ -16,13 +17,31 @@ use crate::failure::Failure;
 
 /// A picture, and the data for annotations over it.
 pub(crate) struct Over<'a> {
-    pub(crate) renderer: &'a Renderer,
-    pub(crate) background: [f32; 3],
-    /// The last slice, and the rectangle of its data.
-    pub(crate) slice: Option<(&'a Slice, ClipRect)>,
+    picture: Picture,
+    camera: &'a Camera,
+    region: &'a RenderRegion,
+    background: [f32; 3],
+    /// The last slice, the rectangle of its data, and the renderer that knows what hides it.
+    slice: Option<(&'a Slice, ClipRect, &'a Renderer)>,
 }
 
-impl Over<'_> {
+impl<'a> Over<'a> {
+    /// Takes a renderer's present picture, and the last slice with the rectangle of its data.
+    pub(crate) fn of(renderer: &'a Renderer, background: [f32; 3], slice: Option<(&'a Slice, ClipRect)>) -> Self {
+        let slice = slice.map(|(slice, data)| (slice, data, renderer));
+        Self { slice, ..Self::of_picture(renderer.picture(), renderer.camera(), renderer.region(), background) }
+    }
+
+    /// Takes a picture by a camera, without a slice.
+    pub(crate) fn of_picture(
+        picture: Picture,
+        camera: &'a Camera,
+        region: &'a RenderRegion,
+        background: [f32; 3],
+    ) -> Self {
+        Self { picture, camera, region, background, slice: None }
+    }
+
     /// Writes the picture, with annotations on a copy of it. Returns the names of the drawn
     /// annotations. An annotation without room, or outside the picture, is left out.
     ///
@@ -36,11 +55,14 @@ impl Over<'_> {
 
     /// Returns the picture with annotations, and the names of those that are drawn.
     pub(crate) fn image(&self, draw: &[Draw]) -> (RgbImage, Vec<&'static str>) {
-        let mut over = copy(&self.renderer.picture(), self.background);
-        let (camera, middle) = (self.renderer.camera(), self.renderer.region().centre_mm());
-        let seen = |at| self.renderer.transmittance_to(at);
-        let marks =
-            self.slice.map(|(slice, data)| SliceMarks { world_from_image: slice.world_from_image, data, seen: &seen });
+        let mut over = copy(&self.picture, self.background);
+        let (camera, middle) = (self.camera, self.region.centre_mm());
+        let seen = self.slice.map(|(.., renderer)| move |at| renderer.transmittance_to(at));
+        let marks = self.slice.zip(seen.as_ref()).map(|((slice, data, _), seen)| SliceMarks {
+            world_from_image: slice.world_from_image,
+            data,
+            seen,
+        });
         let mut drawn = Vec::new();
         for what in draw {
             let done = match what {

@@ -5,14 +5,15 @@ use std::time::Instant;
 use serde::Serialize;
 
 use export::picture::write_rgb;
+use export::sections::Wash;
 use image::RgbImage;
-use render::section::{Box3, Planar, PlanarWork};
+use render::section::{self, Box3, PlanarWork};
 use render::settings::pool;
-use volume::DenseVolume;
 
 use super::look::Look;
 use super::planar::SheetNumbers;
 use super::request::{Contents, Rendered, Request, Source, milliseconds};
+use super::volume::RenderVolume;
 use crate::app::json::document;
 use crate::failure::Failure;
 
@@ -35,25 +36,23 @@ struct Statistics<'a> {
     notes: &'a [String],
 }
 
-/// Draws the planes of a volume that took `read_ms` to read; `notes` are the volume's notes.
+/// Draws the planes of a volume that took `read_ms` to open.
 ///
 /// # Errors
 /// [`Failure`]: the picture was not written then.
 pub(super) fn run(
     request: &Request<'_>,
-    volume: &DenseVolume,
+    volume: &RenderVolume,
     began: Instant,
     read_ms: f64,
-    notes: Vec<String>,
 ) -> Result<Rendered, Failure> {
     let Request { look, output, threads, .. } = *request;
-    let window = request.window.unwrap_or_else(|| volume.range());
     let sampling = Instant::now();
-    let (image, picture, work) = draw(volume, look, window, threads)?;
+    let Planar { image, numbers: picture, work, window } = draw(volume, look, request.window, threads)?;
     let sample_ms = milliseconds(sampling);
     write_rgb(&image, output)?;
     let wall_s = began.elapsed().as_secs_f64();
-    let text = picture.to_string();
+    let (text, notes) = (picture.to_string(), volume.notes(request.volume));
     let statistics = Statistics {
         source: Source::new(request, volume),
         mode: look.view.mode.name(),
@@ -70,27 +69,43 @@ pub(super) fn run(
     Ok(Rendered { contents: Contents::Planes(text), document, wall_s, notes })
 }
 
-/// Returns the picture of a volume's planes, its numbers, and the work.
+/// A finished picture of planes.
+pub(super) struct Planar {
+    pub(super) image: RgbImage,
+    numbers: SheetNumbers,
+    work: PlanarWork,
+    window: [f32; 2],
+}
+
+/// Draws a volume's planes. `window` has the grey values of black and white; `None` for the
+/// volume's.
 ///
 /// # Errors
-/// [`Failure`] when the planes miss the volume, or the picture is too small.
+/// [`Failure`] when the planes miss the volume, the picture is too small, or a chunk cannot be
+/// read.
 pub(super) fn draw(
-    volume: &DenseVolume,
+    volume: &RenderVolume,
     look: &Look,
-    window: [f32; 2],
+    window: Option<[f32; 2]>,
     threads: usize,
-) -> Result<(RgbImage, SheetNumbers, PlanarWork), Failure> {
-    let place = Box3::new(volume.world_from_lattice(), volume.bounds());
+) -> Result<Planar, Failure> {
+    if look.planar.wash == Wash::Weight && !volume.has_weights() {
+        fail!("--overlay weight: the volume has no weights; leave it out, or give --weights");
+    }
+    let placed = volume.placed();
+    let place = Box3::new(placed.world_from_lattice(), placed.bounds());
     let sheet = look.planar.sheet(&place, look.view.image_size)?;
     let pool = pool(threads)?;
-    let planar = Planar { volume, place, pool: pool.as_deref() };
+    let window = window.unwrap_or_else(|| volume.range(pool.as_deref()));
+    let planes = section::Planar { volume: volume.values(), place, pool: pool.as_deref() };
     let mut work = PlanarWork::default();
     let mut sampled = Vec::new();
     for panel in &sheet.panels {
-        let (pixels, done) = planar.sample(&panel.section);
+        let (pixels, done) = planes.sample(&panel.section);
         sampled.push(pixels);
         work += done;
     }
+    volume.check()?;
     let image = sheet.draw(&sampled, window, look.planar.wash)?;
-    Ok((image, look.planar.numbers(&sheet, &sampled), work))
+    Ok(Planar { image, numbers: look.planar.numbers(&sheet, &sampled), work, window })
 }

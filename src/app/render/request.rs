@@ -1,14 +1,16 @@
 //! A volume to render, and the finished pictures.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
 
+use ome_zarr::ChunkWork;
 use render::camera::View;
-use volume::DenseVolume;
 
 use super::look::Look;
+use super::volume::RenderVolume;
+use crate::app::part::Part;
 
 /// The first part of the report: the rendered volume.
 #[derive(Debug, Serialize)]
@@ -16,19 +18,25 @@ pub(super) struct Source<'a> {
     version: &'static str,
     input: &'a Path,
     weights: Option<&'a Path>,
-    /// Voxels along x, y, z, and the number of seen ones.
+    /// Voxels along x, y, z, and the number of seen ones; `null` if not all were read.
     size: [u32; 3],
-    voxels_seen: u64,
+    voxels_seen: Option<u64>,
+    /// Level of an OME-Zarr volume, and the work of reading it.
+    level: Option<usize>,
+    reading: Option<ChunkWork>,
 }
 
 impl<'a> Source<'a> {
-    pub(super) fn new(request: &'a Request<'_>, volume: &DenseVolume) -> Self {
+    pub(super) fn new(request: &'a Request<'_>, volume: &RenderVolume) -> Self {
+        let (level, reading) = volume.level().unzip();
         Self {
             version: env!("CARGO_PKG_VERSION"),
             input: request.volume,
             weights: request.weights,
-            size: volume.header().size,
+            size: volume.placed().header().size,
             voxels_seen: volume.seen(),
+            level,
+            reading,
         }
     }
 }
@@ -45,7 +53,20 @@ pub(crate) struct Request<'a> {
     pub(crate) threads: usize,
     /// Memory limit for the volume, bytes.
     pub(crate) memory_bytes: u64,
+    /// Level of an OME-Zarr volume; `None` for the finest.
+    pub(crate) level: Option<usize>,
+    pub(crate) task: Task,
     pub(crate) look: &'a Look,
+}
+
+/// Work of a request.
+pub(crate) enum Task {
+    /// The pictures.
+    Pictures,
+    /// The message of one part of a picture, whose blocks are folded or not.
+    Part(Part, bool),
+    /// A picture of the messages of all parts.
+    Composite(Vec<PathBuf>),
 }
 
 /// The finished pictures.
@@ -64,6 +85,8 @@ pub(crate) enum Contents {
     Planes(String),
     /// Rays, from the first picture's view.
     Rays(View),
+    /// A part of a picture, in words.
+    Part(String),
 }
 
 /// Returns the time since an instant, ms.

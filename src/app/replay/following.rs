@@ -51,7 +51,7 @@ impl FirstSlice {
     /// Returns the present picture and the data for annotations.
     fn over<'a>(&'a self, look: &Look) -> Over<'a> {
         let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
-        Over { renderer: &self.renderer, background: look.background, slice }
+        Over::of(&self.renderer, look.background, slice)
     }
 }
 

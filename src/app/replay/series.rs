@@ -66,7 +66,7 @@ impl ViewClient for Gallery {
         let before = std::mem::replace(&mut written.slices, drawn.slices);
         let path = self.series.as_ref().and_then(|series| series.path(before, drawn.slices, drawn.item));
         let Some(path) = path.filter(|_| written.failed.is_none()) else { return };
-        let over = Over { renderer: &drawn.renderer, background: self.picture.background, slice: None };
+        let over = Over::of(&drawn.renderer, self.picture.background, None);
         match over.write(&self.picture.draw, &path) {
             Ok(_) => written.pictures += 1,
             Err(failure) => written.failed = Some(failure),

@@ -77,7 +77,7 @@ pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), 
         say("no slice was inserted: there is no volume and no picture");
     }
     if let (Some(path), Some(drawn)) = (&outputs.picture, drawn) {
-        let over = Over { renderer: &drawn.renderer, background: bedside.picture.background, slice: None };
+        let over = Over::of(&drawn.renderer, bedside.picture.background, None);
         over.write(&bedside.picture.draw, path)?;
         print_line!("picture: {} ({} on the way)", path.display(), drawn.pictures);
     }

@@ -134,7 +134,7 @@ fn renderers_see_nothing_where_data_is_damaged() {
     std::fs::write(&file, &damaged).unwrap();
     let values = LevelValues::new(&OmeZarr::open(&path).unwrap(), 0, 1 << 20).unwrap();
     let (mut value, mut weight) = ([9.0; 21], [9.0; 21]);
-    let start = values.index([0, 0, 0]);
+    let start = values.placed().index([0, 0, 0]);
     values.values(start, &mut value, &mut weight);
     assert_eq!((&value[..8], &weight[..8]), (&[0.0; 8][..], &[0.0; 8][..]));
     assert!(weight[8..].iter().any(|w| *w > 0.0), "other chunks are read");

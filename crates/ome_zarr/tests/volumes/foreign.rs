@@ -83,10 +83,11 @@ fn check<T: Element>(data_type: &str, leading: &[&str], codecs: Value, of: impl 
     assert_eq!(volume.range().unwrap(), range);
 
     let level = LevelValues::new(&volume, 0, 4000).unwrap();
+    assert_eq!(level.range(None), range);
     for z in -1..8 {
         for y in -1..10 {
             let (mut value, mut weight) = ([9.0; 17], [9.0; 17]);
-            level.values(level.index([-3, y, z]), &mut value, &mut weight);
+            level.values(level.placed().index([-3, y, z]), &mut value, &mut weight);
             let is_inside = (0..9).contains(&y) && (0..7).contains(&z);
             for (x, (value, weight)) in (-3..).zip(value.into_iter().zip(weight)) {
                 let at = ((z * 9 + y) * 11 + x) as usize;

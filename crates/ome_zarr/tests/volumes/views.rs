@@ -36,8 +36,8 @@ fn write_dense(scene: &Scene, folder: &Path) -> [PathBuf; 2] {
 
 /// Compares all bricks of both, and rows that cross chunks.
 fn compare(dense: &DenseVolume, level: &LevelValues) {
-    assert_eq!(level.world_from_lattice().affine(), dense.world_from_lattice().affine());
-    assert_eq!(level.bounds(), dense.bounds());
+    assert_eq!(level.placed().world_from_lattice().affine(), dense.world_from_lattice().affine());
+    assert_eq!(level.placed().bounds(), dense.bounds());
     let offered: HashSet<_> = level.bricks().collect();
     let bricks: Vec<_> = dense.bricks().collect();
     assert!(bricks.iter().all(|brick| offered.contains(brick)));
@@ -97,8 +97,35 @@ fn box_to_view_is_that_of_the_slices() {
     let volume = OmeZarr::open(&path).unwrap();
     assert_eq!(volume.slices_box(), slices_box);
     let level = LevelValues::new(&volume, 0, 1 << 20).unwrap();
-    assert_eq!(level.bounds(), [[-4, -2, 0], [57, 24, 14]].map(|element| level.index(element)));
+    assert_eq!(level.placed().bounds(), [[-4, -2, 0], [57, 24, 14]].map(|element| level.placed().index(element)));
     let coarse = LevelValues::new(&volume, 1, 1 << 20).unwrap();
-    assert_eq!(coarse.bounds(), [[0, 0, 0], [69, 10, 16]].map(|element| coarse.index(element)));
-    assert_eq!(coarse.grid().size, [70, 11, 17]);
+    // As in a volume read slice by slice.
+    assert_eq!(coarse.placed().bounds(), [[-2, -1, 0], [28, 12, 7]].map(|element| coarse.placed().index(element)));
+    assert_eq!(coarse.placed().grid().size, [70, 11, 17]);
+}
+
+#[test]
+fn loaded_chunks_are_read_once_by_any_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ome.zarr");
+    Scene::new(meta([-16, 16, 16], [53, 41, 34], Scalar::F32), 22).write(&path);
+    let volume = OmeZarr::open(&path).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+    for pool in [None, Some(&pool)] {
+        let level = LevelValues::new(&volume, 0, 1 << 20).unwrap();
+        let bricks: Vec<_> = level.bricks().collect();
+        let before = level.work();
+        assert_eq!((before.chunks_read, level.range(pool)), (0, [0.0, 255.0]), "the range is known");
+        assert_eq!(level.groups(&bricks).map(<[_]>::len).sum::<usize>(), bricks.len());
+        let (first, rest) = bricks.split_at(bricks.len() / 2);
+        level.load(first, pool);
+        let half = level.work();
+        assert!((1..half.chunks).contains(&half.chunks_read), "{half:?}");
+        level.load(rest, pool);
+        let loaded = level.work();
+        assert_eq!(loaded.chunks_read, loaded.chunks, "{loaded:?}");
+        assert!(loaded.bytes_read > half.bytes_read && half.bytes_read > before.bytes_read);
+        bricks.par_iter().for_each(|brick| level.brick(*brick, &mut [0.0; 512], &mut [0.0; 512]));
+        assert_eq!(level.work(), loaded, "nothing is read again");
+    }
 }

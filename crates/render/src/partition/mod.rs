@@ -12,9 +12,15 @@
 //! lost or taken twice. The compositor composites the same blocks in the same order as a
 //! renderer without parts, so the picture has the same bits for any number of parts. A part also
 //! holds some of its neighbours' voxels, for samples of its blocks beyond the cut.
+//!
+//! A picture whose blocks exceed the memory is made in bands of rows, one after the other: parts
+//! and compositors may have [some rows](Part::of_rows) only. [`plan`] finds the number of parts
+//! and bands for a limit of memory.
 
 pub mod choice;
 pub mod compositor;
+pub mod plan;
+mod reach;
 pub(crate) mod shared;
 
 use std::ops::Range;
@@ -32,20 +38,23 @@ use super::rays::composite::{Accumulated, Fold};
 use super::rays::line::Line;
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
+use super::rays::slab::ViewRays;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::snapshot::{Changed, VoxelSnapshot};
 use super::voxels::{Sampler, Voxels};
-use super::work::RenderWork;
+use super::work::{RenderMemory, RenderWork};
 pub use compositor::Compositor;
-
-/// Voxels beyond its last sample that a part needs: the cell about it, the neighbours of its
-/// corners, and one for rays between pixels, which differ a little from theirs in perspective.
-const MARGIN: f64 = 3.0;
+pub use plan::Plan;
+use reach::{MARGIN, rows_of, z_steps};
 
 /// One worker's part of the render region.
 pub struct Part {
     width: u32,
+    rows: Range<u32>,
+    rays: ViewRays,
+    /// Lattice index of region coordinate 0.
+    first: [i64; 3],
     marks: Marks,
     shader: Shader<f32>,
     snapshot: VoxelSnapshot,
@@ -57,6 +66,10 @@ pub struct Part {
     region: [[i64; 3]; 2],
     /// Changes that were read but are not drawn yet.
     changed: Vec<Changed>,
+    /// Bricks that were read since the last message.
+    bricks_read: u64,
+    /// Whether a message has one block a pixel, composited from all of the part's.
+    is_folded: bool,
     image: Channels<PartLayers<1>, PartLayers<3>>,
 }
 
@@ -76,16 +89,39 @@ impl Part {
     /// # Errors
     /// [`RenderError`] for invalid settings, [`RenderError::Part`] for an invalid part.
     pub fn new(settings: &RenderSettings, region: &RenderRegion, part: u32, parts: u32) -> Result<Self, RenderError> {
+        Self::of_rows(settings, region, (part, parts), 0..settings.size[1])
+    }
+
+    /// Creates part number `part` of `parts` for some rows of the picture.
+    ///
+    /// # Errors
+    /// Same as [`Self::new`], and [`RenderError::Rows`] for no rows of the picture.
+    pub fn of_rows(
+        settings: &RenderSettings,
+        region: &RenderRegion,
+        (part, parts): (u32, u32),
+        rows: Range<u32>,
+    ) -> Result<Self, RenderError> {
         if part >= parts || parts > region.bricks()[2] {
             return Err(RenderError::Part { part, parts, layers: region.bricks()[2] });
         }
         settings.mode.check()?;
+        compositor::check_rows(&rows, settings)?;
         let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
         let image = match settings.mode.is_grey(&settings.transfer) {
-            true => Image::Grey(Layers::new(&camera, region, settings)),
-            false => Image::Colour(Layers::new(&camera, region, settings)),
+            true => Image::Grey(Layers::of_rows(&camera, region, settings, rows.clone())),
+            false => Image::Colour(Layers::of_rows(&camera, region, settings, rows.clone())),
         };
-        Self::of(settings, region, &camera, &image, part, parts)
+        let made = Self::of(settings, region, &camera, &image, part, parts)?;
+        Ok(Self { rows, ..made })
+    }
+
+    /// Returns the part with one block a pixel in its messages, composited from all of its own.
+    /// They are much shorter where many parts share a picture. The picture is rounded otherwise,
+    /// by less than a step of 8 bits.
+    #[must_use]
+    pub fn folded(self) -> Self {
+        Self { is_folded: true, ..self }
     }
 
     /// Creates a part of the rays of a picture.
@@ -110,11 +146,14 @@ impl Part {
         low[2] = low[2].max(region.first()[2] + layers.start - reach(down, up));
         high[2] = high[2].min(region.first()[2] + layers.end + reach(up, down));
         let image = match image {
-            Image::Grey(image) => Channels::Grey(PartLayers::new(&image.rows, region, settings, fold, &layers)),
-            Image::Colour(image) => Channels::Colour(PartLayers::new(&image.rows, region, settings, fold, &layers)),
+            Image::Grey(image) => Channels::Grey(PartLayers::new(image, region, settings, fold, &layers)),
+            Image::Colour(image) => Channels::Colour(PartLayers::new(image, region, settings, fold, &layers)),
         };
         Ok(Self {
             width: settings.size[0],
+            rows: 0..settings.size[1],
+            rays: ViewRays::new(camera),
+            first: region.first(),
             marks: Marks::new(camera, settings.mode.reach()),
             shader,
             snapshot: VoxelSnapshot::new(region),
@@ -123,6 +162,8 @@ impl Part {
             layers,
             region: [low, high],
             changed: Vec::new(),
+            bricks_read: 0,
+            is_folded: false,
             image,
         })
     }
@@ -133,30 +174,76 @@ impl Part {
         self.region
     }
 
-    /// Reads some bricks of a volume, given by lattice index divided by 8; ignores those out of
-    /// its region. The volume needs to hold only the part's region. The message holds the blocks
-    /// to be composited again.
+    /// Returns those of some bricks that the part needs: its own and some of its neighbours', as
+    /// far as rays of its rows reach them.
+    pub fn needed(&self, bricks: &[BrickIndex]) -> Vec<BrickIndex> {
+        let is_seen = |brick: &BrickIndex| {
+            rows_of(*brick, self.first, &self.rays)
+                .is_some_and(|[first, last]| first < self.rows.end && last >= self.rows.start)
+        };
+        self.reached(bricks).filter(is_seen).collect()
+    }
+
+    /// Returns the bricks that meet its layers or those of its neighbours that it needs.
+    fn reached<'a>(&self, bricks: &'a [BrickIndex]) -> impl Iterator<Item = BrickIndex> + use<'a> {
+        let edge = EDGE as i64;
+        let [low, high] = [self.region[0][2].div_euclid(edge), self.region[1][2].div_euclid(edge)];
+        bricks.iter().filter(move |b| (low..=high).contains(&i64::from(b[2]))).copied()
+    }
+
+    /// Reads some bricks of a volume, given by lattice index divided by 8; ignores those that it
+    /// does not [need](Self::needed). The volume needs to hold only the part's region. The message
+    /// holds the blocks to be composited again.
     pub fn update(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Message {
-        let mut message = Message { work: self.read(volume, bricks), ..Message::default() };
-        message.work += self.draw(None);
-        let (width, fold) = (self.width, self.fold);
-        channels!(&mut self.image, layers => layers.tell(width, fold, &mut message.bytes));
+        let needed = self.needed(bricks);
+        self.read_on(None, volume, &needed);
+        self.draw_on(None)
+    }
+
+    /// Reads bricks, the first half of [`Self::update`], on the threads of a pool. Several readings
+    /// may precede one drawing.
+    pub fn read_on(
+        &mut self,
+        pool: Option<&rayon::ThreadPool>,
+        volume: &(impl Values + ?Sized),
+        bricks: &[BrickIndex],
+    ) {
+        Sharing::within(pool, |sharing| self.read(volume, bricks, sharing));
+    }
+
+    /// Draws what was read, the second half of [`Self::update`], on the threads of a pool.
+    pub fn draw_on(&mut self, pool: Option<&rayon::ThreadPool>) -> Message {
+        let bricks_read = std::mem::take(&mut self.bricks_read);
+        let mut message = Message { work: RenderWork { bricks_read, ..RenderWork::default() }, ..Message::default() };
+        message.work += Sharing::within(pool, |sharing| self.draw(None, sharing));
+        let (width, fold, is_folded) = (self.width, self.fold, self.is_folded);
+        channels!(&mut self.image, layers => layers.tell(width, fold, is_folded, &mut message.bytes));
         message
     }
 
+    /// Returns the memory in use.
+    pub fn memory(&self) -> RenderMemory {
+        channels!(&self.image, layers => RenderMemory {
+            voxels: self.snapshot.bytes() + layers.voxels.bytes(),
+            rays: layers.rows.iter().map(Row::bytes).sum::<u64>() + layers.sent_bytes(),
+        })
+    }
+
+    /// Returns the number of bricks that hold anything.
+    pub fn bricks(&self) -> usize {
+        self.snapshot.len()
+    }
+
     /// Reads those of some bricks of a volume that lie in its region.
-    fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> RenderWork {
-        let edge = EDGE as i64;
-        let [low, high] = [self.region[0][2].div_euclid(edge), self.region[1][2].div_euclid(edge)];
-        let needed: Vec<BrickIndex> =
-            bricks.iter().filter(|b| (low..=high).contains(&i64::from(b[2]))).copied().collect();
-        self.snapshot.read(volume, &needed, self.simd, Sharing::Alone, &mut self.changed);
-        RenderWork { bricks_read: needed.len() as u64, ..RenderWork::default() }
+    fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
+        let needed: Vec<BrickIndex> = self.reached(bricks).collect();
+        self.snapshot.read(volume, &needed, self.simd, sharing, &mut self.changed);
+        self.bricks_read += needed.len() as u64;
     }
 
     /// Shades what was read and casts the rays that it reaches. All changed voxels lie in the
     /// slab, if one is given; region coordinates.
-    fn draw(&mut self, slab: Option<&Prism>) -> RenderWork {
+    fn draw(&mut self, slab: Option<&Prism>, sharing: Sharing) -> RenderWork {
         let mut work = RenderWork { bricks_changed: self.changed.len() as u64, ..RenderWork::default() };
         if self.changed.is_empty() {
             channels!(&mut self.image, layers => layers.cast.fill([usize::MAX, 0]));
@@ -166,12 +253,12 @@ impl Part {
         let voxels = self.snapshot.dilated(&self.changed);
         let (snapshot, shader, simd) = (&self.snapshot, &self.shader, self.simd);
         work.voxels_shaded = channels!(&mut self.image, layers => {
-            layers.voxels.update(snapshot, &voxels, shader, simd, Sharing::Alone, &mut dirty)
+            layers.voxels.update(snapshot, &voxels, shader, simd, sharing, &mut dirty)
         });
         debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(slab))));
         self.marks.set(&dirty, slab.map(|slab| &slab.faces));
         self.changed.clear();
-        work += channels!(&mut self.image, layers => layers.cast(&self.marks, shader, self.fold, simd));
+        work += channels!(&mut self.image, layers => layers.cast(&self.marks, shader, self.fold, simd, sharing));
         work
     }
 }
@@ -179,51 +266,70 @@ impl Part {
 /// Data of a part for a number of channels.
 pub(crate) struct PartLayers<const C: usize> {
     voxels: Voxels<C>,
+    /// Number of the first row in the picture.
+    first_row: u32,
     rows: Vec<Row<C>>,
     /// The first pixel of each row that was cast last, and the one after the last.
     cast: Vec<[usize; 2]>,
-    /// Blocks of each row as last sent to the compositor; empty before the first message.
+    /// Blocks of each row as last sent to the compositor, one a pixel if they are folded; empty
+    /// before the first message.
     sent: Vec<Vec<Accumulated<C>>>,
 }
 
 impl<const C: usize> PartLayers<C> {
     /// Creates the part of a picture's rows in some layers of voxels.
-    fn new(rows: &[Row<C>], region: &RenderRegion, settings: &RenderSettings, fold: Fold, layers: &Range<i64>) -> Self {
+    fn new(
+        image: &Layers<C>,
+        region: &RenderRegion,
+        settings: &RenderSettings,
+        fold: Fold,
+        layers: &Range<i64>,
+    ) -> Self {
         let part = |row: &Row<C>| {
             let mut part = row.restricted(|line| own_samples(line, fold, layers));
             part.keep(Cache::OneLevel, fold);
             part
         };
-        let rows: Vec<Row<C>> = rows.iter().map(part).collect();
+        let rows: Vec<Row<C>> = image.rows.iter().map(part).collect();
         let cast = vec![[usize::MAX, 0]; rows.len()];
-        Self { voxels: Voxels::new(region, settings), rows, cast, sent: Vec::new() }
+        Self { voxels: Voxels::new(region, settings), first_row: image.first_row, rows, cast, sent: Vec::new() }
     }
 
-    fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, fold: Fold, simd: Simd) -> RenderWork {
+    fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, fold: Fold, simd: Simd, sharing: Sharing) -> RenderWork {
         let sampler = Sampler::new(&self.voxels, shader);
+        let first_row = self.first_row;
+        sharing.chunks_beside(&mut self.rows, 1, &mut self.cast, |cast, j, rows| {
+            for row in rows {
+                row.work = RenderWork::default();
+                *cast = row.mark(first_row + j as u32, marks, simd);
+                (cast[0]..cast[1]).for_each(|at| row.cast(at, sampler, fold, simd));
+            }
+        });
         let mut work = RenderWork::default();
-        for ((j, row), cast) in (0..).zip(&mut self.rows).zip(&mut self.cast) {
-            row.work = RenderWork::default();
-            *cast = row.mark(j, marks, simd);
-            (cast[0]..cast[1]).for_each(|at| row.cast(at, sampler, fold, simd));
-            work += row.work;
-        }
+        self.rows.iter().for_each(|row| work += row.work);
         work
     }
 
     /// Appends the blocks that were cast last, and differ from those sent before, to a message.
-    fn tell(&mut self, width: u32, fold: Fold, bytes: &mut Vec<u8>) {
+    fn tell(&mut self, width: u32, fold: Fold, is_folded: bool, bytes: &mut Vec<u8>) {
         if self.sent.is_empty() {
-            self.sent = self.rows.iter().map(|row| vec![Accumulated::CLEAR; row.kept().len()]).collect();
+            let count = |row: &Row<C>| if is_folded { width as usize } else { row.kept().len() };
+            self.sent = self.rows.iter().map(|row| vec![Accumulated::CLEAR; count(row)]).collect();
         }
-        for (((j, row), cast), sent) in (0..).zip(&self.rows).zip(&self.cast).zip(&mut self.sent) {
+        for (((j, row), cast), sent) in (self.first_row..).zip(&self.rows).zip(&self.cast).zip(&mut self.sent) {
             for at in cast[0]..cast[1] {
                 let (number, range) = row.blocks_of(at, fold);
+                let pixel = j * width + at as u32;
                 let mut all = Accumulated::CLEAR;
-                for ((number, block), sent) in (number..).zip(&row.kept()[range.clone()]).zip(&mut sent[range]) {
+                let mut send = |number: u32, block: &Accumulated<C>, sent: &mut Accumulated<C>| {
                     if !block.same_bits(sent) {
                         *sent = *block;
-                        compositor::put(bytes, j * width + at as u32, number, block);
+                        compositor::put(bytes, pixel, number, block);
+                    }
+                };
+                for (place, block) in range.clone().zip(&row.kept()[range.clone()]) {
+                    if !is_folded {
+                        send(number + (place - range.start) as u32, block, &mut sent[place]);
                     }
                     // Blocks behind this one are hidden within this part already. They are not
                     // up to date and need not be.
@@ -231,15 +337,16 @@ impl<const C: usize> PartLayers<C> {
                         break;
                     }
                 }
+                if is_folded {
+                    send(number, &all, &mut sent[at]);
+                }
             }
         }
     }
-}
 
-/// Returns the voxels that a step of any ray leads down and up the z axis, at most.
-fn z_steps<const C: usize>(rows: &[Row<C>]) -> [f64; 2] {
-    let steps = rows.iter().flat_map(Row::lines).map(|line| f64::from(line.step[2]));
-    steps.fold([0.0, 0.0], |[down, up], step| [f64::max(down, -step), f64::max(up, step)])
+    fn sent_bytes(&self) -> u64 {
+        self.sent.iter().map(|row| size_of_val(&**row) as u64).sum()
+    }
 }
 
 /// Returns the samples of a line that belong to blocks whose first sample lies in some layers of

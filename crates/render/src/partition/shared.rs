@@ -71,7 +71,7 @@ impl Parts {
     /// Reads some bricks of a volume, each into the parts that need it.
     pub(crate) fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
         sharing.chunks(&mut self.0, 1, |_, parts| {
-            parts[0].read(volume, bricks);
+            parts[0].read(volume, bricks, Sharing::Alone);
         });
     }
 
@@ -84,7 +84,9 @@ impl Parts {
     /// changed voxels lie in the slab, if one is given; region coordinates.
     pub(crate) fn draw(&mut self, slab: Option<&Prism>, image: &mut Image, fold: Fold, sharing: Sharing) -> RenderWork {
         let mut works = vec![RenderWork::default(); self.0.len()];
-        sharing.chunks_beside(&mut self.0, 1, &mut works, |work, _, parts| *work = parts[0].draw(slab));
+        sharing.chunks_beside(&mut self.0, 1, &mut works, |work, _, parts| {
+            *work = parts[0].draw(slab, Sharing::Alone);
+        });
         let mut work = RenderWork::default();
         works.into_iter().for_each(|of| work += of);
         // A part's own pixels are only its share of the picture's.
@@ -157,13 +159,8 @@ impl Parts {
 
     /// Returns the bytes of voxels and of rays.
     pub(crate) fn bytes(&self) -> [u64; 2] {
-        let of = |part: &Part| {
-            channels!(&part.image, layers => [
-                part.snapshot.bytes() + layers.voxels.bytes(),
-                layers.rows.iter().map(Row::bytes).sum(),
-            ])
-        };
-        self.0.iter().map(of).fold([0; 2], |[voxels, rays], [more, of_rays]| [voxels + more, rays + of_rays])
+        let memories = self.0.iter().map(Part::memory);
+        memories.fold([0; 2], |[voxels, rays], of| [voxels + of.voxels, rays + of.rays])
     }
 
     /// Returns the bricks that hold anything, each once.

@@ -13,6 +13,8 @@ use crate::picture::Picture;
 use crate::tests::modes::ways;
 use crate::tests::{all_settings, sweep};
 
+mod bands;
+
 #[test]
 fn any_number_of_parts_gives_same_picture() {
     let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(0.3);
