@@ -63,7 +63,8 @@ build_wheel() {
         say "the distribution would be built with other crates: $new" >&2
         exit 1
     }
-    # Other projects' crates that are optimised already are not built again. The lock is not shared, so that other builds do not wait for this one.
+    # Other projects' crates that are optimised already are not built again. The lock is not shared,
+    # so that other builds do not wait for this one.
     if [ -d target/release/deps ] && [ ! -d target/wheel ]; then
         mkdir -p target/wheel/release
         cp -al target/release/deps target/release/build target/wheel/release/
