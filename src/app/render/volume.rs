@@ -10,6 +10,7 @@ use volume::{DenseVolume, PlacedHeader, Values};
 
 use crate::app::input::hash;
 use crate::app::reconstruct::zarr::is_ome_zarr;
+use crate::app::volume_input::holds_weights;
 use crate::failure::{Failure, FailureKind};
 
 /// Part of the memory limit that is for chunks.
@@ -53,7 +54,7 @@ impl RenderVolume {
             return Ok(Self::Dense(Arc::new(DenseVolume::open(path, weights, limit_bytes)?)));
         }
         if let Some(weights) = weights {
-            fail!("{}: the volume {} holds its weights itself; leave the file out", weights.display(), path.display());
+            return Err(holds_weights(path, weights));
         }
         let volume = Arc::new(OmeZarr::open(path)?);
         let number = level.unwrap_or(0);

@@ -12,7 +12,7 @@ use volume::difference::{Overlap, Sums};
 
 use super::super::Failure;
 use super::text::{Text, bytes, point, short, times};
-use crate::app::volume_input::VolumeInput;
+use crate::app::volume_input::{VolumeInput, holds_weights};
 use crate::cli::progress::progress;
 
 /// A volume's content.
@@ -218,13 +218,7 @@ impl Layers {
     fn weights(path: &Path, weights: Option<&Path>) -> Result<Option<Self>, Failure> {
         let own = VolumeInput::open(path)?.weights;
         match (own, weights) {
-            (Some(_), Some(weights)) => {
-                fail!(
-                    "{}: the volume {} holds its weights itself; leave the file out",
-                    weights.display(),
-                    path.display()
-                )
-            }
+            (Some(_), Some(weights)) => Err(holds_weights(path, weights)),
             (Some(reader), None) => Ok(Some(Self { reader, values: Vec::new() })),
             (None, weights) => weights.map(|weights| Self::of_volume(&Self::open(path)?, path, weights)).transpose(),
         }
