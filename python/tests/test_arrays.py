@@ -94,8 +94,14 @@ def test_volume_of_arrays_is_written_and_read(volume, tmp_path) -> None:
     again = Volume.open(tmp_path / "v.nrrd", weights=tmp_path / "w.mha")
     assert np.array_equal(again.values(), volume.values())
     assert np.array_equal(again.weights(), volume.weights())
+    assert volume.write(tmp_path / "v.ome.zarr") is None
+    again = Volume.open(tmp_path / "v.ome.zarr")
+    assert np.array_equal(again.values(), volume.values())
+    assert np.array_equal(again.weights(), volume.weights())
+    with pytest.raises(InputError, match="holds its weights itself"):
+        volume.write(tmp_path / "w.ome.zarr", weights=tmp_path / "w.mha")
     with pytest.raises(InputError, match="reconstruction"):
-        volume.write(tmp_path / "v.ome.zarr")
+        volume.write(tmp_path / "v.dcm")
 
 
 def test_frames_of_any_layout_are_copied() -> None:

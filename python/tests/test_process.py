@@ -54,7 +54,7 @@ def long_sweep() -> Sequence:
 
 
 #: Number of calls of some kinds of work, which take milliseconds each.
-CALLS = {"snapshot": 8, "values": 4}
+CALLS = {"snapshot": 8, "values": 4, "open": 4}
 
 
 def work(name: str, sweep: Sequence, folder: pathlib.Path) -> Callable[[], object]:
@@ -72,7 +72,7 @@ def work(name: str, sweep: Sequence, folder: pathlib.Path) -> Callable[[], objec
         "snapshot": lambda: [reconstructor.snapshot() for _ in range(CALLS["snapshot"])],
         "values": lambda: [volume.values() for _ in range(CALLS["values"])],
         "write": lambda: volume.write(folder / "again.nii.gz"),
-        "open": lambda: Volume.open(folder / "volume.mha"),
+        "open": lambda: [Volume.open(folder / "volume.mha") for _ in range(CALLS["open"])],
     }
     return calls[name]
 
