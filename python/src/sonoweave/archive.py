@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +12,6 @@ import numpy.typing as npt
 from . import _arguments as check
 from ._sequence import Sequence
 from .errors import InputError
-
-if TYPE_CHECKING:
-    import h5py
 
 __all__ = ["read_tus_rec"]
 
@@ -112,7 +109,7 @@ def _h5py() -> Any:
     return h5py
 
 
-def _data_set(h5: Any, file: h5py.File, path: str, name: str) -> npt.NDArray[Any]:
+def _data_set(h5: Any, file: Any, path: str, name: str) -> npt.NDArray[Any]:
     """Return a data set's values; it is checked that there is one."""
     found = file.get(name)
     if not isinstance(found, h5.Dataset):
