@@ -141,3 +141,24 @@ fn renderers_see_nothing_where_data_is_damaged() {
     assert!(matches!(values.fault(), Some(OmeZarrError::Damaged { .. })));
     assert!(values.fault().is_none());
 }
+
+#[test]
+fn shards_in_each_others_place_are_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ome.zarr");
+    // Two shards of one value each: their files have the same length, and decode without fault.
+    let mut scene = Scene::new(meta([0; 3], [144, 16, 16], Scalar::U8), 1);
+    for (at, (value, weight)) in scene.values.iter_mut().zip(&mut scene.weights).enumerate() {
+        (*value, *weight) = (if at % 32 < 16 { 50.0 } else { 60.0 }, 1.0);
+    }
+    let (writer, _) = OmeZarrWriter::create(&path, &scene.meta).unwrap();
+    for index in [[0, 0, 0], [0, 0, 1]] {
+        scene.write_shard(writer.shards(), index).unwrap();
+    }
+    let [a, b] = ["0/c/0/0/0", "0/c/0/0/1"].map(|key| folder.path().join("a.ome.zarr.part").join(key));
+    let [first, second] = [&a, &b].map(|file| std::fs::read(file).unwrap());
+    assert!(first.len() == second.len() && first != second);
+    std::fs::write(&a, second).unwrap();
+    std::fs::write(&b, first).unwrap();
+    assert!(matches!(writer.write_parent(1, [0, 0, 0]), Err(OmeZarrError::Damaged { .. })));
+}
