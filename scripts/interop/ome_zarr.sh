@@ -20,7 +20,7 @@ does() {
 }
 does phantom -o s.mha --frames 40 --image-size 48x40 --pixel 0.5 --gap 0.5 --trajectory freehand
 for scalar in u8 u16 f32; do
-    does reconstruct s.mha -o "$scalar.ome.zarr" --spacing 0.2 --clip none --type "$scalar"
+    does reconstruct s.mha -o "$scalar.ome.zarr" --spacing 0.2 --clip none --type "$scalar" --seen-label
     does convert "$scalar.ome.zarr" -o "$scalar.nrrd"
     "$python" "$readers" "$scalar.ome.zarr" "$scalar.nrrd"
 done

@@ -31,6 +31,21 @@ impl VolumeInput {
         let weights = volume.has_weights().then(|| SliceReader::weights(&volume, 0)).transpose()?;
         Ok(Self { values, weights: weights.map(|weights| Box::new(weights) as Box<dyn VolumeSlices>) })
     }
+
+    /// Like [`Self::open`], with a file of weights.
+    ///
+    /// # Errors
+    /// [`Failure`] when a file cannot be read, or weights are given twice.
+    pub(crate) fn open_with(path: &Path, weights: Option<&Path>) -> Result<Self, Failure> {
+        let mut input = Self::open(path)?;
+        if let Some(weights) = weights {
+            if is_ome_zarr(path) {
+                return Err(holds_weights(path, weights));
+            }
+            input.weights = Some(Box::new(VolumeReader::open(weights, &Limits::default())?));
+        }
+        Ok(input)
+    }
 }
 
 /// Reads a whole volume, and its weights if there are any. The level of an OME-Zarr volume is the

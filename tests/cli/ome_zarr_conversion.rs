@@ -138,3 +138,20 @@ fn several_sweeps_become_ome_zarr_volumes() {
     assert!(tree(&place.path("out/b.ome.zarr")) == tree(&place.path("alone.ome.zarr")));
     assert!(place.path("out/a.ome.zarr/zarr.json").is_file());
 }
+
+#[test]
+fn fields_left_out_have_no_part_in_ome_zarr() {
+    let place = Place::new();
+    volumes(&place, &format!("{COARSE} --type u8"));
+    let volume = place.get("v.mha");
+    let data = volume.windows(15).position(|word| word == b"ElementDataFile").unwrap();
+    for name in ["Anna", "Bert"] {
+        let field = format!("Patient = {name}\n");
+        place.put(&format!("{name}.mha"), [&volume[..data], field.as_bytes(), &volume[data..]].concat());
+        place.does(&format!("convert {name}.mha -o {name}.ome.zarr --anonymize"));
+        place.does(&format!("convert {name}.mha -o named-{name}.ome.zarr"));
+    }
+    let files = |name: &str| tree(&place.path(name));
+    assert!(files("Anna.ome.zarr") == files("Bert.ome.zarr"), "a name could be found by trying");
+    assert!(files("named-Anna.ome.zarr") != files("named-Bert.ome.zarr"));
+}

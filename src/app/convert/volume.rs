@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use export::fill::Filling;
-use formats::image::{VolumeReader, VolumeSlices};
+use formats::image::{VolumeHeader, VolumeSlices};
 use volume::dense::checked_grid;
 
 use super::anonymous::Subject;
@@ -122,45 +122,33 @@ impl VolumeRequest<'_> {
         header.compressed = self.changes.compressed;
         if is_ome_zarr(self.output) {
             let target = zarr::Target { path: self.output, header: &header, label: self.label };
-            let key = self.content_key()?;
+            let key = self.content_key(&header)?;
             converted.notes.extend(target.note());
             return target.write(values, weights, &key);
         }
         if let (Some(path), Some(weights)) = (self.written_weights, &mut weights) {
-            let header = formats::image::VolumeHeader { pixel: weights.header().pixel, ..header.clone() };
+            let header = VolumeHeader { pixel: weights.header().pixel, ..header.clone() };
             write::volume(&mut **weights, &header, path)?;
         } else if self.written_weights.is_some() {
             fail!("{}: has no weights to write; leave out --write-weights, or give --weights", self.input.display());
         } else if weights.is_some() {
             converted.notes.push("the weights are not written; --write-weights FILE.mha writes them".into());
         }
-        Ok(write::volume(values, &header, self.output)?)
+        let written = write::volume(values, &header, self.output);
+        if let (Err(_), Some(weights)) = (&written, self.written_weights) {
+            // The values' error is what counts.
+            let _ = std::fs::remove_file(weights);
+        }
+        Ok(written?)
     }
 
-    /// Returns what the output follows from: the SHA-256 of the input's voxels and the settings,
-    /// and the least and the greatest value.
-    fn content_key(&self) -> Result<zarr::Key, Failure> {
+    /// Returns what the output follows from: the SHA-256 of its header, the input's voxels and the
+    /// settings, and the least and the greatest value. Fields that are left out have no part in it:
+    /// whoever has the voxels could find them by trying.
+    fn content_key(&self, header: &VolumeHeader) -> Result<zarr::Key, Failure> {
         let VolumeInput { mut values, mut weights } = VolumeInput::open_with(self.input, self.weights)?;
-        let settings =
-            format!("{:?} {} {} {:?}", self.filling, self.label, self.changes.anonymize, self.changes.subject);
+        let settings = format!("{:?} {} {header:?}", self.filling, self.label);
         let weights = weights.as_mut().map(|weights| &mut **weights as &mut dyn VolumeSlices);
         zarr::Key::of(self.input, &mut *values, weights, &settings)
-    }
-}
-
-impl VolumeInput {
-    /// Like [`Self::open`], with a file of weights.
-    ///
-    /// # Errors
-    /// [`Failure`] when a file cannot be read, or weights are given twice.
-    fn open_with(path: &Path, weights: Option<&Path>) -> Result<Self, Failure> {
-        let mut input = Self::open(path)?;
-        if let Some(weights) = weights {
-            if is_ome_zarr(path) {
-                return Err(holds_weights(path, weights));
-            }
-            input.weights = Some(Box::new(VolumeReader::open(weights, &formats::Limits::default())?));
-        }
-        Ok(input)
     }
 }

@@ -23,7 +23,7 @@ pub(crate) struct Key {
 }
 
 impl Key {
-    /// Reads a volume once.
+    /// Reads a volume once; `settings` is everything else that the output follows from.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be read, or has values that single precision does not hold.
@@ -34,7 +34,7 @@ impl Key {
         settings: &str,
     ) -> Result<Self, Failure> {
         let header = values.header().clone();
-        let mut hash = Sha256::new_with_prefix(format!("{settings} {header:?}"));
+        let mut hash = Sha256::new_with_prefix(settings);
         let (mut extremes, mut numbers) = ([f32::INFINITY, f32::NEG_INFINITY], Vec::new());
         while let Some(slice) = values.next_slice()? {
             hash.update(slice);
@@ -69,9 +69,9 @@ impl Key {
 /// Same as [`Target::write`].
 pub(crate) fn write<S: VolumeSlices>(path: &Path, both: impl Fn() -> [S; 2]) -> Result<(), Failure> {
     let [mut values, mut weights] = both();
-    let key = Key::of(path, &mut values, Some(&mut weights), "")?;
-    let [mut values, mut weights] = both();
     let header = values.header().clone();
+    let key = Key::of(path, &mut values, Some(&mut weights), &format!("{header:?}"))?;
+    let [mut values, mut weights] = both();
     Target { path, header: &header, label: false }.write(&mut values, Some(&mut weights), &key)
 }
 
