@@ -78,6 +78,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../out/bench");
     let folder = folder.join(if is_quick { "quick-ome-zarr" } else { "ome-zarr" });
     fs::create_dir_all(&folder)?;
+    let figures = json!({"quick": is_quick, "figures": figures});
     fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&figures)?)?;
     if !is_within {
         println!("more memory was taken than the goal");
