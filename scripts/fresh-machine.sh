@@ -2,7 +2,8 @@
 # Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl
 # and Rust. A machine without a compiler is made in a folder, and the last commit is cloned into
 # it. All run there, once as root and once as an unprivileged user with sudo. `python` builds the
-# wheel by the lines of docs/python.md instead, and runs a tutorial with it.
+# wheel by the lines of docs/python.md instead, runs a tutorial with it, and then `make scale`:
+# volumes larger than memory, batches and clusters.
 #
 #   scripts/fresh-machine.sh [root|user|python]...     root and user by default
 #
@@ -81,13 +82,13 @@ run_as() {
         chroot "$root" env DEBIAN_FRONTEND=noninteractive sh -c \
             'apt-get update -qq && apt-get install -y -qq --no-install-recommends python3-venv gcc libc6-dev' \
             >"$place/python.log" 2>&1 || fail "python3-venv could not be installed; the log is $place/python.log"
-        tasks=(python)
+        tasks=(python scale)
     fi
     for task in "${tasks[@]}"; do
         began=$SECONDS
         case $task in
         demo) set -- make --no-print-directory demo DURATION=12 ;;
-        test) set -- make --no-print-directory test ;;
+        test | scale) set -- make --no-print-directory "$task" ;;
         # The lines under "By hand", and the first tutorial with a sweep of this commit's program.
         python) set -- sh -euc 'commands=$(awk "/^By hand/{ on = 1 } on && /^\`\`\`/{ n++; next } n == 1" docs/python.md)
             printf "set -x\n%s\n" "$commands" | sh -eu

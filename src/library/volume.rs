@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
-use export::volume::{DenseBox, Encoding, Scalar};
+use export::volume::{DenseBox, Encoding, Scalar, write_values_of, write_weights_of};
 use formats::image::VolumeSlices;
 use pipeline::Outcome;
 use sonoweave_core::ledger::Ledger;
-use volume::{DenseVolume, Grid, Values};
+use volume::{DenseVolume, Grid, Values, Voxels};
 
 use super::{Keyword, Keywords, LibraryError, MemorySlices};
 use crate::app::convert::{write, zarr};
@@ -103,10 +103,12 @@ impl LibraryVolume {
         match &self.content {
             Content::Reconstruction { outcome, space, .. } => {
                 let outcome = lock(outcome);
-                let index = |voxel: [i64; 3]| std::array::from_fn(|a| space.first[a] + voxel[a]);
-                read(outcome.reconstructor.volume(), index, voxels, values, weights);
+                let volume = outcome.reconstructor.volume();
+                read(voxels, values, weights, |part, values, weights| blocks(volume, space, part, values, weights));
             }
-            Content::Dense(dense) => read(&**dense, |voxel| dense.index(voxel), voxels, values, weights),
+            Content::Dense(dense) => {
+                read(voxels, values, weights, |part, values, weights| rows(dense, part, values, weights));
+            }
         }
     }
 
@@ -262,44 +264,69 @@ fn lock(outcome: &Mutex<Outcome>) -> MutexGuard<'_, Outcome> {
     outcome.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Reads a box; each thread some of its planes.
+/// Reads a box by `read_part(box, values, weights)`; each thread some of its planes.
 fn read(
-    volume: &(impl Values + ?Sized),
-    index: impl Fn([i64; 3]) -> [i64; 3] + Sync,
     [xs, ys, zs]: &VoxelBox,
     values: Option<&mut [f32]>,
     weights: Option<&mut [f32]>,
+    read_part: impl Fn(VoxelBox, Option<&mut [f32]>, Option<&mut [f32]>) + Sync,
 ) {
-    let (row, plane) = (xs.len(), xs.len() * ys.len());
+    let plane = xs.len() * ys.len();
     if plane == 0 || zs.is_empty() {
         return;
     }
     let threads = input::threads(None).min(zs.len());
     let each = zs.len().div_ceil(threads);
-    let of_part = |part: usize, mut values: Option<&mut [f32]>, mut weights: Option<&mut [f32]>| {
-        let planes = part * each..((part + 1) * each).min(zs.len());
-        let mut unwanted = [vec![0.0; row], vec![0.0; row]];
-        for at in 0..planes.len() * ys.len() {
-            let [other_values, other_weights] = &mut unwanted;
-            let of_row = at * row..(at + 1) * row;
-            let values = values.as_mut().map_or(&mut other_values[..], |values| &mut values[of_row.clone()]);
-            let weights = weights.as_mut().map_or(&mut other_weights[..], |weights| &mut weights[of_row]);
-            let (y, z) = (ys.start + at % ys.len(), zs.start + planes.start + at / ys.len());
-            volume.values(index([xs.start as i64, y as i64, z as i64]), values, weights);
-        }
+    let part = |number: usize| {
+        let planes = zs.start + number * each..(zs.start + (number + 1) * each).min(zs.end);
+        [xs.clone(), ys.clone(), planes]
     };
     std::thread::scope(|scope| {
         let parts = |voxels| parts(voxels, each * plane, threads);
         let mut parts = parts(values).into_iter().zip(parts(weights)).enumerate();
         let first = parts.next();
-        for (part, (values, weights)) in parts {
-            let of_part = &of_part;
-            scope.spawn(move || of_part(part, values, weights));
+        for (number, (values, weights)) in parts {
+            let read_part = &read_part;
+            scope.spawn(move || read_part(part(number), values, weights));
         }
-        if let Some((part, (values, weights))) = first {
-            of_part(part, values, weights);
+        if let Some((number, (values, weights))) = first {
+            read_part(part(number), values, weights);
         }
     });
+}
+
+/// Reads a box of a reconstruction block by block: a block is looked up once, not for each row.
+fn blocks(
+    volume: &dyn Voxels,
+    space: &DenseBox,
+    voxels: VoxelBox,
+    values: Option<&mut [f32]>,
+    weights: Option<&mut [f32]>,
+) {
+    let first = std::array::from_fn(|a| space.first[a] + voxels[a].start as i64);
+    let space = DenseBox { first, grid: Grid { size: voxels.map(|range| range.len() as u64), ..space.grid } };
+    if let Some(values) = values {
+        let encoding = Encoding { scalar: Scalar::F32, window: None, unseen: 0.0 };
+        let values = bytemuck::cast_slice_mut(values);
+        space.parts(u64::MAX).for_each(|part| write_values_of(volume, &space, &encoding, &part, values));
+    }
+    if let Some(weights) = weights {
+        let weights = bytemuck::cast_slice_mut(weights);
+        space.parts(u64::MAX).for_each(|part| write_weights_of(volume, &space, &part, weights));
+    }
+}
+
+/// Reads a box of a file's values row by row, as they lie in memory.
+fn rows(dense: &DenseVolume, [xs, ys, zs]: VoxelBox, mut values: Option<&mut [f32]>, mut weights: Option<&mut [f32]>) {
+    let row = xs.len();
+    let mut unwanted = [vec![0.0; row], vec![0.0; row]];
+    for (at, (z, y)) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))).enumerate() {
+        let [other_values, other_weights] = &mut unwanted;
+        let of_row = at * row..(at + 1) * row;
+        let values = values.as_mut().map_or(&mut other_values[..], |values| &mut values[of_row.clone()]);
+        let weights = weights.as_mut().map_or(&mut other_weights[..], |weights| &mut weights[of_row]);
+        dense.values(dense.index([xs.start as i64, y as i64, z as i64]), values, weights);
+    }
 }
 
 /// Divides voxels among at most so many threads.
