@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Builds the Python package and runs its checks: the wheel from a source distribution, its tests
-# with the oldest and the newest NumPy, types, documentation and tutorials. Installs Debian's
-# python3-venv if it is missing, and Python packages into out/python (700 MB).
+# with the oldest and the newest NumPy, a cluster by Slurm, types, documentation and tutorials.
+# Installs Debian's python3-venv and Slurm if they are missing, and Python packages into out/python
+# (700 MB).
 #
 #   scripts/python.sh [wheel|test]
 #
@@ -22,7 +23,7 @@ case $part in
     ;;
 esac
 
-python3 -c 'import ensurepip, venv' 2>/dev/null || scripts/setup.sh python
+scripts/setup.sh python
 # environment NAME REQUIREMENT…: makes an environment, once.
 environment() {
     local name=$1 wanted
@@ -100,6 +101,7 @@ tests() { (cd "$work" && "$out/$1/bin/python" -m pytest -q -p no:cacheprovider -
 install newest
 say "tests with NumPy $("$out/newest/bin/python" -c 'import numpy; print(numpy.__version__)')"
 tests newest "$root/python/tests"
+scripts/interop/slurm.sh "$out/newest/bin/python" "$SONOWEAVE_PROGRAM"
 say "documentation"
 tests newest --doctest-modules --pyargs sonoweave
 "$out/newest/bin/python" scripts/python_documentation.py

@@ -10,7 +10,8 @@
 #   library, and Prometheus. Debian starts the services of archive and Prometheus on systems with
 #   systemd; `systemctl disable --now orthanc prometheus` ends them.
 # console: a browser, and node to drive it.
-# python: the module that makes Python environments.
+# python: the module that makes Python environments, and Slurm, whose services do not start
+#   without a configuration.
 set -eu
 
 command -v cargo >/dev/null 2>&1 || {
@@ -34,6 +35,9 @@ if [ "${1:-}" = release ]; then
 fi
 # Debian's Python lacks the module that makes environments.
 case ${1:-} in interop | python) python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv" ;; esac
+[ "${1:-}" != python ] || need slurm-client /usr/bin/sbatch
+[ "${1:-}" != python ] || need slurmctld /usr/sbin/slurmctld
+[ "${1:-}" != python ] || need slurmd /usr/sbin/slurmd
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 [ "${1:-}" != interop ] || need prometheus /usr/bin/promtool

@@ -179,3 +179,15 @@ def test_version_is_the_programs(program) -> None:
         [program, "--version"], check=True, capture_output=True, text=True
     ).stdout
     assert sonoweave.__version__ in printed
+
+
+def test_folder_with_one_recording_is_opened(sweep, tmp_path) -> None:
+    with pytest.raises(sonoweave.InputError, match="holds no recording; give the file, one of .mha"):
+        Sequence.open(tmp_path)
+    (tmp_path / "sweep.igs.mha").write_bytes(sweep.read_bytes())
+    (tmp_path / "calibration.toml").write_text("")
+    opened, file = Sequence.open(tmp_path), Sequence.open(sweep)
+    assert np.array_equal(opened[3], file[3]) and np.array_equal(opened.poses, file.poses)
+    (tmp_path / "other.mcap").write_text("")
+    with pytest.raises(sonoweave.InputError, match=r"2 recordings \(other.mcap, sweep.igs.mha\)"):
+        Sequence.open(tmp_path)

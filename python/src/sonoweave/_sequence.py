@@ -20,6 +20,22 @@ if TYPE_CHECKING:
 __all__ = ["Sequence"]
 
 
+#: Endings of the names of recordings.
+_ENDINGS = (".mha", ".mhd", ".nrrd", ".nhdr", ".dcm", ".mcap")
+
+
+def _file(path: str) -> str:
+    """Return the path of a recording; of a folder, that of the only one in it."""
+    if not os.path.isdir(path):
+        return path
+    found = sorted(name for name in os.listdir(path) if name.lower().endswith(_ENDINGS))
+    if len(found) != 1:
+        names = ", ".join(found[:5]) + (", …" if len(found) > 5 else "")
+        held = f"holds {len(found)} recordings ({names})" if found else "holds no recording"
+        raise InputError(f"{path}: {held}; give the file, one of {', '.join(_ENDINGS)}")
+    return os.path.join(path, found[0])
+
+
 class Sequence:
     """A recorded sweep: frames with their poses.
 
@@ -69,7 +85,8 @@ class Sequence:
         Parameters
         ----------
         path : path
-            Tracked sequence (.mha, .mhd, .nrrd, .nhdr, .dcm) or session (.mcap).
+            Tracked sequence (.mha, .mhd, .nrrd, .nhdr, .dcm) or session (.mcap), or a folder in
+            which one file has such a name.
         config : path, optional
             Calibration: our TOML or a PLUS XML. For a session: another session configuration
             than the recorded one, our TOML.
@@ -94,7 +111,7 @@ class Sequence:
             The file cannot be read.
         InputError
             The file is damaged, or a setting does not fit. A session has no configuration, or no
-            frames.
+            frames. A folder has no such file, or several.
         CalibrationError
             No transforms lead from the image to the world.
         """
@@ -108,7 +125,7 @@ class Sequence:
             "frames": frames,
         }
         keywords = check.keywords(given)
-        name = check.path("path", path)
+        name = _file(check.path("path", path))
         return cls._of(Recording(name, keywords), ("_open", (name, keywords)))
 
     @classmethod

@@ -20,6 +20,7 @@ import pathlib
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -245,15 +246,39 @@ def _cluster(name: str, workers: int | None) -> Any:
         local = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
         return Client(local)
     if name == "slurm":
-        from dask_jobqueue import SLURMCluster
-
-        # Cores, memory and queue are those of Dask's file jobqueue.yaml.
-        slurm = SLURMCluster()
-        slurm.scale(workers or 1)
+        slurm = _slurm()
+        # Jobs that end, by a failure or at their time limit, are replaced.
+        slurm.adapt(minimum_jobs=workers or 1, maximum_jobs=workers or 1)
         return Client(slurm)
     if "://" not in name:
         raise InputError(f"--cluster {name}: give local, slurm, or a scheduler's address")
     return Client(name)
+
+
+def _slurm() -> Any:
+    """Return a cluster without jobs yet, by Dask's file jobqueue.yaml.
+
+    Raises InputError if Slurm would refuse a job. Dask only logs that, and waits for ever.
+    """
+    try:
+        from dask_jobqueue import SLURMCluster
+
+        slurm = SLURMCluster()
+        with tempfile.NamedTemporaryFile("w", suffix=".sh") as script:
+            script.write(slurm.job_script())
+            script.flush()
+            command = ["sbatch", "--test-only", script.name]
+            asked = subprocess.run(command, capture_output=True, text=True, check=False)
+    except ModuleNotFoundError as error:
+        raise InputError(f"--cluster slurm: {error}; install sonoweave[slurm]") from error
+    except ValueError as error:
+        raise InputError(f"--cluster slurm: {error}; set it in Dask's jobqueue.yaml") from error
+    except OSError as error:
+        raise InputError(f"--cluster slurm: {error}; run it where Slurm's sbatch is") from error
+    if asked.returncode != 0:
+        why = " ".join(asked.stderr.split())
+        raise InputError(f"--cluster slurm: {why}; change cores, memory or queue in Dask's jobqueue.yaml")
+    return slurm
 
 
 def _main(arguments: list[str]) -> int:
