@@ -7,7 +7,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicI64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use drivers::arm::microscribe::{self, Family};
 use drivers::arm::{self, ea1, qsb};
@@ -19,7 +19,7 @@ use drivers::tracker::polhemus::{Settings, isotrak, liberty, viper};
 use drivers::transport::{MemoryOpener, Opener, Peer, PortPath, SerialOpener};
 use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use sonoweave_core::health::State;
-use sonoweave_core::reading::{Counts, Reading};
+use sonoweave_core::reading::Reading;
 use sonoweave_core::{Device, Next};
 
 /// Counts the memory held by this process, and the requests of this thread.
@@ -59,54 +59,50 @@ fn still() -> drivers::simulated::Motion {
     Arc::new(|_, _| Placed { position_cm: [10.0, -5.5, 30.25], quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] })
 }
 
-/// Reads a unit's twin on a pseudo-terminal. Checks that correct readings allocate nothing once
-/// the unit runs.
-fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol) {
-    let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
-    let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
+/// Reads a device until it runs, and 120 readings further. Checks that neither a reading nor an
+/// empty wait allocates.
+fn allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&Reading) -> bool) {
     device.start().unwrap();
-    let end = Monotonic.now_ns() + 30 * SECOND;
-    let mut next = || match device.next(end).unwrap() {
-        Next::Reading(Reading::Pose(pose)) => pose,
-        other => panic!("{name}: {other:?}"),
-    };
-    for _ in 0..50 {
-        next();
-    }
-    let before = REQUESTED.get();
-    for _ in 0..120 {
-        let pose = next();
-        let off = (0..3).map(|axis| (pose.position_cm[axis] - [10.0, -5.5, 30.25][axis]).abs()).fold(0.0, f64::max);
-        assert!(off < 0.003, "{name}: {pose:?}");
-    }
-    assert_eq!(REQUESTED.get() - before, 0, "{name}: allocations in 120 readings");
-}
-
-/// Reads an arm until it runs, and further. Checks that neither a reading nor an empty wait
-/// allocates.
-fn arm_allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&Counts) -> bool) {
-    device.start().unwrap();
-    let end = Monotonic.now_ns() + 30 * SECOND;
-    let mut requested = 0;
-    let [mut readings, mut empty] = [0; 2];
-    while readings < 290 {
+    // Ends what hangs.
+    let end = Monotonic.now_ns() + 180 * SECOND;
+    let mut since = 0;
+    let [mut readings, mut empty, mut allocated] = [0; 3];
+    while readings < 170 || empty < 20 {
+        assert!(Monotonic.now_ns() < end, "{name}: {readings} readings, {empty} waits, {:?}", device.health());
         // Shorter than the pause between two readings, so that some waits end empty.
-        let next = device.next(Monotonic.now_ns() + 3 * MS).unwrap();
-        assert!(Monotonic.now_ns() < end, "{name}: {readings} readings, {:?}", device.health());
+        let limit = Monotonic.now_ns() + 3 * MS;
+        let before = REQUESTED.get();
+        let next = device.next(limit).unwrap();
+        let requested = REQUESTED.get() - before;
+        // On a busy machine, a twin that does not run falls silent, and the unit is set up again.
+        if device.health().since_ns != since {
+            since = device.health().since_ns;
+            [readings, empty, allocated] = [0; 3];
+        }
+        let runs = readings >= 50;
         match next {
-            Next::Reading(Reading::Counts(counts)) => {
-                assert!(is_true(&counts), "{name}: {counts:?}");
+            Next::Reading(reading) => {
+                assert!(is_true(&reading), "{name}: {reading:?}");
                 readings += 1;
             }
-            Next::Pending => empty += u32::from(readings >= 50),
+            Next::Pending => empty += u64::from(runs),
             other => panic!("{name}: {other:?}"),
         }
-        if readings < 50 {
-            requested = REQUESTED.get();
-        }
+        allocated += if runs { requested } else { 0 };
     }
-    assert_eq!(REQUESTED.get() - requested, 0, "{name}: allocations in 240 readings and {empty} waits without one");
-    assert!(empty >= 20, "{name}: {empty} waits without a reading");
+    assert_eq!(allocated, 0, "{name}: allocations in {} readings and {empty} waits without one", readings - 50);
+}
+
+/// Does so for a unit with its twin on a pseudo-terminal.
+fn unit_allocates_nothing(
+    name: &str,
+    twin: impl Peer + 'static,
+    unit: impl Protocol,
+    is_true: impl Fn(&Reading) -> bool,
+) {
+    let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
+    let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
+    allocates_nothing(name, &mut device, is_true);
 }
 
 fn opener(pty: &Pty) -> Box<dyn Opener> {
@@ -115,52 +111,61 @@ fn opener(pty: &Pty) -> Box<dyn Opener> {
 
 #[test]
 fn arm_reading_allocates_nothing() {
-    let _alone = ALONE.lock().unwrap();
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let joints: Joints = Arc::new(|_| [1, 2, 3, 0, 0, 0]);
     // Homed or not, as lines or blocks; pings are sent meanwhile.
     for (homed, format) in [(7, ea1::SampleFormat::Lines), (5, ea1::SampleFormat::Blocks)] {
-        let mut left = simulated::ea1::Twin::new(Arc::clone(&joints), Faults::default());
-        (left.rate_hz, left.homed) = (100, homed);
-        let pty = Pty::run(Arc::new(Mutex::new(left))).unwrap();
+        let mut twin = simulated::ea1::Twin::new(Arc::clone(&joints), Faults::default());
+        (twin.rate_hz, twin.homed) = (100, homed);
         let unit = ea1::Unit::new("a terminal", arm::Settings::default(), format).unwrap();
-        let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
-        arm_allocates_nothing("EA1", &mut device, |counts| {
-            counts.as_slice() == [1, 2, 3] && u16::from(counts.homed) == homed
-        });
+        unit_allocates_nothing(
+            "EA1",
+            twin,
+            unit,
+            |reading| matches!(reading, Reading::Counts(counts) if counts.as_slice() == [1, 2, 3] && u16::from(counts.homed) == homed),
+        );
     }
     let twin = |axis| simulated::qsb::Twin::new(Arc::clone(&joints), axis, Faults::default());
     let lines = [0, 1, 2].map(|axis| Pty::run(Arc::new(Mutex::new(twin(axis)))).unwrap());
     let openers = lines.each_ref().map(opener);
     let mut device = qsb::Arm::new(openers, Arc::new(Monotonic), &arm::Settings::default(), false).unwrap();
-    arm_allocates_nothing("QSB", &mut device, |counts| counts.axes == 1);
+    allocates_nothing("QSB", &mut device, |reading| matches!(reading, Reading::Counts(counts) if counts.axes == 1));
     let twin = simulated::microscribe::Twin::new(joints, Faults::default());
-    let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
     let unit = microscribe::Unit::new("a terminal", arm::Settings::default(), Family::MicroScribe, 6).unwrap();
-    let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
     // Counts start at the encoders' values at home.
-    arm_allocates_nothing("MicroScribe", &mut device, |counts| counts.as_slice()[..3] == [8193, 12_002, 14_003]);
+    unit_allocates_nothing(
+        "MicroScribe",
+        twin,
+        unit,
+        |reading| matches!(reading, Reading::Counts(counts) if counts.as_slice().starts_with(&[8193, 12_002, 14_003])),
+    );
 }
 
 #[test]
 fn tracker_reading_allocates_nothing() {
-    let _alone = ALONE.lock().unwrap();
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let (settings, faults) = (Settings::default(), Faults::default());
     let text = Settings { binary: false, ..Settings::default() };
+    let is_true = |reading: &Reading| {
+        let Reading::Pose(pose) = reading else { return false };
+        pose.position_cm.iter().zip([10.0, -5.5, 30.25]).all(|(cm, expected)| (cm - expected).abs() < 0.003)
+    };
     let unit = |settings: &Settings| Unit::new("a terminal", settings.clone(), Some(115_200)).unwrap();
-    allocates_nothing("FASTRAK", Twin::new(still(), faults), unit(&settings));
-    allocates_nothing("FASTRAK's text", Twin::new(still(), faults), unit(&text));
+    unit_allocates_nothing("FASTRAK", Twin::new(still(), faults), unit(&settings), is_true);
+    unit_allocates_nothing("FASTRAK's text", Twin::new(still(), faults), unit(&text), is_true);
     let twin = || simulated::isotrak::Twin::new(still(), faults);
-    allocates_nothing("ISOTRAK", twin(), isotrak::Unit::new("a terminal", settings.clone(), Some(115_200)).unwrap());
-    allocates_nothing("ISOTRAK's text", twin(), isotrak::Unit::new("a terminal", text, Some(115_200)).unwrap());
-    let twin = simulated::liberty::Twin::new(still(), faults);
-    allocates_nothing("LIBERTY", twin, liberty::Unit::new("a terminal", settings.clone(), Some(115_200)).unwrap());
-    let twin = simulated::viper::Twin::new(still(), faults);
-    allocates_nothing("VIPER", twin, viper::Unit::new("a terminal", settings, Some(115_200)).unwrap());
+    let unit = |settings: Settings| isotrak::Unit::new("a terminal", settings, Some(115_200)).unwrap();
+    unit_allocates_nothing("ISOTRAK", twin(), unit(settings.clone()), is_true);
+    unit_allocates_nothing("ISOTRAK's text", twin(), unit(text), is_true);
+    let unit = liberty::Unit::new("a terminal", settings.clone(), Some(115_200)).unwrap();
+    unit_allocates_nothing("LIBERTY", simulated::liberty::Twin::new(still(), faults), unit, is_true);
+    let unit = viper::Unit::new("a terminal", settings, Some(115_200)).unwrap();
+    unit_allocates_nothing("VIPER", simulated::viper::Twin::new(still(), faults), unit, is_true);
 }
 
 #[test]
 fn day_of_faults_keeps_memory_constant() {
-    let _alone = ALONE.lock().unwrap();
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     // The run includes faults, pulled plugs and silences. The full length is a day, else an
     // hour.
     let hours = if std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full") { 24 } else { 1 };
