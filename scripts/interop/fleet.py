@@ -120,11 +120,13 @@ class Bedside:
         lines = '[status]\nlisten = "127.0.0.1:0"\n'
         self.token = None
         if number <= COUNT:
+            # The server has the metrics' token only.
             self.token = secrets.token_hex(32)
-            path = self.folder / "token"
-            path.touch(0o600)
-            path.write_text(self.token)
-            lines += f'token_file = "{path}"\n'
+            for key, token in [("token_file", secrets.token_hex(32)), ("metrics_token_file", self.token)]:
+                path = self.folder / key
+                path.touch(0o600)
+                path.write_text(token)
+                lines += f'{key} = "{path}"\n'
         self.is_secured = number in SECURED
         if self.is_secured:
             name = place / SECURED[number]

@@ -6,6 +6,9 @@
 //! the token (`POST /v1/login`) the browser receives a cookie. No script can read this cookie,
 //! it goes to this server only, and it expires with the session. Wrong tokens are counted and
 //! logged. After some wrong tokens, the server ignores tokens from that address for a while.
+//!
+//! A second token, if configured, gives the metrics only: a server that watches many sessions
+//! sees no images and steers none.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,6 +29,8 @@ use super::token::{Attempts, Browsers, Token, bearer, cookies};
 
 /// Path at which a browser exchanges the token for a cookie.
 pub(super) const LOGIN: &str = "/v1/login";
+/// Path of the metrics, for which their own token suffices.
+pub(super) const METRICS: &str = "/metrics";
 /// Files of the login page; they reveal nothing about the session.
 const OPEN: [&str; 4] = [LOGIN, "/page/login.js", "/page/style.css", "/page/favicon.svg"];
 
@@ -34,6 +39,8 @@ const OPEN: [&str; 4] = [LOGIN, "/page/login.js", "/page/style.css", "/page/favi
 pub(super) struct Gate {
     /// `None` admits every request.
     token: Option<Token>,
+    /// Gives the metrics only.
+    metrics_token: Option<Token>,
     /// Accepted host names, besides the addresses at which connections arrive.
     pub(super) names: Vec<String>,
     /// Whether connections are encrypted by TLS.
@@ -48,7 +55,7 @@ pub(super) struct Gate {
 
 impl Default for Gate {
     fn default() -> Self {
-        Self::new(None, Vec::new(), false, 0)
+        Self::new(None, None, Vec::new(), false, 0)
     }
 }
 
@@ -60,12 +67,18 @@ enum TokenCheck {
 }
 
 impl Gate {
-    pub(super) fn new(token: Option<Token>, names: Vec<String>, secured: bool, port: u16) -> Self {
+    pub(super) fn new(
+        token: Option<Token>,
+        metrics_token: Option<Token>,
+        names: Vec<String>,
+        secured: bool,
+        port: u16,
+    ) -> Self {
         // Browsers accept a `__Host-` cookie only if no other host can have set it.
         let prefix = if secured { "__Host-" } else { "" };
         let cookie = format!("{prefix}sonoweave-{port}");
         let (attempts, browsers, counts) = Default::default();
-        Self { token, names, secured, cookie, attempts, browsers, counts }
+        Self { token, metrics_token, names, secured, cookie, attempts, browsers, counts }
     }
 
     fn is_known(&self, headers: &HeaderMap) -> bool {
@@ -75,14 +88,15 @@ impl Gate {
         ids.any(|id| browsers.knows(id))
     }
 
-    fn check(&self, token: &Token, sent: &str, from: IpAddr) -> TokenCheck {
+    /// Compares with the token, and with `other` if there is one.
+    fn check(&self, token: &Token, other: Option<&Token>, sent: &str, from: IpAddr) -> TokenCheck {
         let mut attempts = self.attempts.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         if let Some(wait) = attempts.waits(from, now) {
             Counts::add(&self.counts.tokens_unchecked);
             return TokenCheck::TooOften(wait);
         }
-        if token.is(sent) {
+        if token.is(sent) | other.is_some_and(|other| other.is(sent)) {
             return TokenCheck::Right;
         }
         attempts.failed(from, now);
@@ -110,7 +124,8 @@ pub(super) async fn only_known(State(gate): State<Arc<Gate>>, request: Request, 
         return next.run(request).await;
     }
     let sent = request.headers().get(header::AUTHORIZATION).and_then(|sent| bearer(sent.to_str().ok()?));
-    match sent.map(|sent| gate.check(token, sent, peer(request.extensions()))) {
+    let metrics_token = gate.metrics_token.as_ref().filter(|_| request.uri().path() == METRICS);
+    match sent.map(|sent| gate.check(token, metrics_token, sent, peer(request.extensions()))) {
         Some(TokenCheck::Right) => next.run(request).await,
         Some(TokenCheck::TooOften(wait)) => too_often(wait),
         None if request.uri().path() == "/" && matches!(*request.method(), Method::GET | Method::HEAD) => page::login(),
@@ -137,7 +152,7 @@ pub(super) async fn login(State(gate): State<Arc<Gate>>, extensions: Extensions,
     let Ok(Login { token: sent }) = serde_json::from_slice(&body) else {
         return (StatusCode::BAD_REQUEST, "send the token as {\"token\": \"…\"}\n").into_response();
     };
-    match gate.check(token, sent.trim(), peer(&extensions)) {
+    match gate.check(token, None, sent.trim(), peer(&extensions)) {
         TokenCheck::Right => match gate.admit() {
             Some(cookie) => (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response(),
             None => {

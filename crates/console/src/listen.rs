@@ -29,7 +29,7 @@ const MOST_BYTES: u64 = 1 << 20;
 pub struct Listen {
     /// The address; port 0 takes any free port.
     pub address: SocketAddr,
-    /// Certificate, token and names.
+    /// Certificate, tokens and names.
     pub access: Access,
 }
 
@@ -39,10 +39,11 @@ impl From<SocketAddr> for Listen {
     }
 }
 
-/// TLS, token and names of the listening server.
+/// TLS, tokens and names of the listening server.
 pub(super) struct Door {
     pub(super) tls: Option<TlsAcceptor>,
     token: Option<Token>,
+    metrics_token: Option<Token>,
     names: Vec<String>,
 }
 
@@ -57,7 +58,7 @@ impl Listen {
     }
 
     pub(super) fn door(&self) -> Result<Door, ConsoleError> {
-        let Access { certificate, key, token_file, names } = &self.access;
+        let Access { certificate, key, token_file, metrics_token_file, names } = &self.access;
         let given = [("certificate", certificate), ("key", key), ("token_file", token_file)];
         if !self.address.ip().is_loopback() {
             let missing: Vec<&str> = given.iter().filter(|(_, path)| path.is_none()).map(|(name, _)| *name).collect();
@@ -81,15 +82,29 @@ impl Listen {
             (Some(_), None) => return Err(ConsoleError::Half { has: "certificate", lacks: "key" }),
             (None, Some(_)) => return Err(ConsoleError::Half { has: "key", lacks: "certificate" }),
         };
-        let token = token_file.as_ref().map(|path| Token::read(path).map_err(|why| unfit("token_file", path, why)));
-        Ok(Door { tls, token: token.transpose()?, names })
+        let read = |key, path: &Path| Token::read(path).map_err(|why| unfit(key, path, why));
+        let token = token_file.as_ref().map(|path| read("token_file", path)).transpose()?;
+        let metrics_token = match (&token, metrics_token_file) {
+            (Some(token), Some(path)) => {
+                let own = read("metrics_token_file", path)?;
+                if own.same(token) {
+                    let problem = "holds the token of token_file, which gives everything; make another by `openssl \
+                        rand -hex 32`";
+                    return Err(unfit("metrics_token_file", path, problem));
+                }
+                Some(own)
+            }
+            (_, None) => None,
+            (None, Some(_)) => return Err(ConsoleError::Half { has: "metrics_token_file", lacks: "token_file" }),
+        };
+        Ok(Door { tls, token, metrics_token, names })
     }
 }
 
 impl Door {
     /// Creates the authentication of a server that listens at this port.
     pub(super) fn gate(&self, port: u16) -> Gate {
-        Gate::new(self.token.clone(), self.names.clone(), self.tls.is_some(), port)
+        Gate::new(self.token.clone(), self.metrics_token.clone(), self.names.clone(), self.tls.is_some(), port)
     }
 
     /// Returns a name of this machine, if it has one.

@@ -27,7 +27,7 @@ pub fn routes(served: Served) -> Router {
         .route("/v1/openapi.json", get(api::description))
         .route(access::LOGIN, post(access::login))
         .route("/status", get(status))
-        .route("/metrics", get(prometheus))
+        .route(access::METRICS, get(prometheus))
         .route("/healthz", get(health))
         .fallback(nothing);
     guarded(routes, served)

@@ -84,6 +84,11 @@ impl Token {
         Ok(Self(Sha256::digest(text).into()))
     }
 
+    /// Whether both are one token.
+    pub(super) fn same(&self, other: &Self) -> bool {
+        bool::from(self.0.ct_eq(&other.0))
+    }
+
     /// Whether this is the token. The comparison takes the same time for all wrong ones.
     pub(super) fn is(&self, hash: &str) -> bool {
         let hash: [u8; 32] = Sha256::digest(hash).into();

@@ -85,6 +85,8 @@ pub struct Access {
     pub key: Option<PathBuf>,
     /// The file of the token that clients must present.
     pub token_file: Option<PathBuf>,
+    /// The file of a token that gives the metrics and nothing else.
+    pub metrics_token_file: Option<PathBuf>,
     /// Names and addresses of this machine besides those of the certificate, in lower case.
     pub names: Vec<String>,
 }
@@ -94,13 +96,13 @@ impl Status {
         let given: schema::session::Status = keys.read()?;
         let listen = given.listen.map(|listen| values::address(&listen)).transpose();
         let listen = listen.map_err(|why| keys.error("listen", why.to_string()))?;
-        let [certificate, key, token_file] =
-            [given.certificate, given.key, given.token_file].map(|path| keys.path_if(path));
+        let [certificate, key, token_file, metrics_token_file] =
+            [given.certificate, given.key, given.token_file, given.metrics_token_file].map(|path| keys.path_if(path));
         let names = given.names.iter().enumerate();
         let names = names.map(|(n, name)| host_name(name).map_err(|why| keys.error(&format!("names[{n}]"), why)));
         let names = names.collect::<Result<Vec<_>, _>>()?;
         keys.note("names", &names);
-        Ok(Self { listen, access: Access { certificate, key, token_file, names } })
+        Ok(Self { listen, access: Access { certificate, key, token_file, metrics_token_file, names } })
     }
 }
 

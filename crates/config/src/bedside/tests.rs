@@ -131,10 +131,11 @@ fn examples_give_device_settings() {
     assert_eq!(fastrak.status.listen.unwrap().port(), 9110);
     assert_eq!(fastrak.status.access, Access::default());
     let others = with(
-        "[status]\nlisten = \"0.0.0.0:9110\"\ntoken_file = \"t\"\nnames = [\"Bedside-3\", \"192.0.2.1\", \"::1\"]\n",
+        "[status]\nlisten = \"0.0.0.0:9110\"\ntoken_file = \"t\"\nmetrics_token_file = \"m\"\nnames = [\"Bedside-3\", \"192.0.2.1\", \"::1\"]\n",
     )
     .unwrap();
     assert_eq!(others.status.access.token_file.as_deref(), Some(Path::new("t")), "from the file's folder");
+    assert_eq!(others.status.access.metrics_token_file.as_deref(), Some(Path::new("m")));
     assert_eq!(others.status.access.names, ["bedside-3", "192.0.2.1", "::1"]);
     // The calibration file's resolution across the plane is the default.
     let across = fastrak.volume.settings.sigma_mm[2].unwrap();

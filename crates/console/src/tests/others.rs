@@ -18,6 +18,7 @@ use super::*;
 const CERTIFICATE: &str = include_str!("bedside-3.crt");
 const KEY: &str = include_str!("bedside-3.key");
 const TOKEN: &str = "c0ffee00c0ffee00c0ffee00c0ffee00";
+const METRICS_TOKEN: &str = "decade00decade00decade00decade00";
 
 /// A folder with the files that a configuration names.
 fn files() -> (tempfile::TempDir, Access) {
@@ -30,7 +31,8 @@ fn files() -> (tempfile::TempDir, Access) {
     };
     let (certificate, key) = (put("console.crt", CERTIFICATE), put("console.key", KEY));
     let token_file = put("console.token", &format!("{TOKEN}\n"));
-    let access = Access { certificate, key, token_file, names: vec!["ward.example".into()] };
+    let metrics_token_file = put("metrics.token", METRICS_TOKEN);
+    let access = Access { certificate, key, token_file, metrics_token_file, names: vec!["ward.example".into()] };
     (folder, access)
 }
 
@@ -124,6 +126,7 @@ fn remote_address_requires_valid_certificate_key_and_token() {
         match key {
             "certificate" => Access { certificate: path, ..good.clone() },
             "key" => Access { key: path, ..good.clone() },
+            "metrics_token_file" => Access { metrics_token_file: path, ..good.clone() },
             _ => Access { token_file: path, ..good.clone() },
         }
     };
@@ -140,6 +143,8 @@ fn remote_address_requires_valid_certificate_key_and_token() {
         ("key", &stranger, 0o600, "key"),
         ("token_file", TOKEN, 0o640, "(mode 640); run chmod 600"),
         ("token_file", "secret", 0o600, "of 6 characters, but 32 or more are needed"),
+        ("metrics_token_file", METRICS_TOKEN, 0o644, "(mode 644); run chmod 600"),
+        ("metrics_token_file", TOKEN, 0o600, "holds the token of token_file, which gives everything; make another"),
     ] {
         let sentence = refused("127.0.0.1:0", &other(key, text, mode));
         assert!(sentence.starts_with(&format!("status.{key}: ")) && sentence.contains(expected), "{sentence}");
@@ -149,6 +154,9 @@ fn remote_address_requires_valid_certificate_key_and_token() {
     assert!(refused("127.0.0.1:0", &gone).starts_with("status.key: /nowhere/console.key: cannot be read: "));
     let half = Access { key: None, ..good.clone() };
     assert_eq!(refused("127.0.0.1:0", &half), "status.certificate: has no effect without key; give both, or neither");
+    let metrics_only = Access { token_file: None, ..good };
+    let expected = "status.metrics_token_file: has no effect without token_file; give both, or neither";
+    assert_eq!(refused("127.0.0.1:0", &metrics_only), expected);
 }
 
 #[test]
@@ -197,6 +205,24 @@ fn remote_clients_need_tls_and_token() {
     request.headers_mut().insert("authorization", format!("Bearer {TOKEN}").parse().unwrap());
     let (mut socket, _) = tungstenite::client(request, connected(&console)).unwrap();
     assert!(socket.read().unwrap().into_text().unwrap().contains("\"about\""));
+}
+
+#[test]
+fn token_of_metrics_gives_metrics_only() {
+    let (_folder, access) = files();
+    let console = everywhere(access);
+    let bearer = format!("authorization: Bearer {METRICS_TOKEN}\r\n");
+    for _ in 0..10 {
+        let (code, _, body) = get(&console, "/metrics", &bearer);
+        assert!(code == 200 && body.contains("# HELP"), "{body}");
+    }
+    assert_eq!(Counts::of(&console.counts().tokens_wrong), 0);
+    for path in ["/status", "/v1/stream", "/"] {
+        assert_eq!(get(&console, path, &bearer).0, 401, "{path}");
+    }
+    assert_eq!(login(&console, METRICS_TOKEN).0, 401);
+    assert_eq!(Counts::of(&console.counts().tokens_wrong), 4);
+    assert_eq!(get(&console, "/metrics", &format!("authorization: Bearer {TOKEN}\r\n")).0, 200);
 }
 
 #[test]

@@ -109,6 +109,9 @@ pub(crate) struct Status {
     /// File with the access token: one line of 32 characters or more, readable by its owner only.
     /// Every viewer and client must present the token; default: no token
     pub(crate) token_file: Option<RelativePath>,
+    /// File with another token, in the same form. It gives the metrics and nothing else, for a
+    /// server that watches this session; default: none
+    pub(crate) metrics_token_file: Option<RelativePath>,
     /// Further names of this machine, besides its own addresses and the certificate's names
     #[schemars(extend("x-takes" = "a list of names or addresses"))]
     pub(crate) names: Vec<String>,
