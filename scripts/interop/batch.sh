@@ -1,12 +1,13 @@
 #!/bin/sh
 # Runs the examples of docs/cluster.md, as the page has them, in an empty folder: the Snakemake
 # workflow, a second time after a change of the manifest, and the script of the job array with
-# Slurm's variables. The results must be the same files.
+# Slurm's variables. The results must be the same files. Another library reads the batch's card.
 set -eu
 cd "$(dirname "$0")/../.."
 
 program=$(scripts/build.sh)
 snakemake=$PWD/out/snakemake/bin/snakemake
+croissant=$PWD/out/interop/bin/python
 page=$PWD/docs/cluster.md
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -57,4 +58,15 @@ hashes run >array.txt
 [ "$(wc -l <array.txt)" -eq 5 ] || fail "the array has not reconstructed all sweeps"
 # The workflow's folder has the earlier files of the changed row, too.
 [ -z "$(LC_ALL=C comm -23 array.txt workflow.txt)" ] || fail "the array's files differ from the workflow's"
+# A card of the batch, by the reference library of Croissant.
+sonoweave batch card run -o card --license CC0-1.0 >/dev/null
+"$croissant" - <<'END'
+import mlcroissant
+
+card = mlcroissant.Dataset("card/croissant.json")
+assert not card.metadata.ctx.issues.errors
+sweeps = [{key.split("/")[1]: value for key, value in row.items()} for row in card.records("sweeps")]
+assert [(row["sweep"], row["frames"]) for row in sweeps] == [(f"s{n}".encode(), 10) for n in range(1, 6)], sweeps
+assert [row["participants/frames"] for row in card.records("participants")] == [50]
+END
 echo "batch: the examples of docs/cluster.md run, and give the same files"

@@ -57,7 +57,8 @@ fn card_has_the_sums_of_all_accounts() {
     let refused = ends(&place, 10, "batch card run -o set");
     assert!(refused.stderr.contains("1 of 5 sweeps are not done; use `batch run`"), "{}", refused.stderr);
     assert!(!place.names().contains("set"), "nothing is written");
-    let said = ends(&place, 0, "batch card run -o set --partial --name Forearms --json=card.json").stdout;
+    let said =
+        ends(&place, 0, "batch card run -o set --partial --name Forearms --license CC0-1.0 --json=card.json").stdout;
     assert!(said.contains("set: 4 of 5 sweeps of 2 subjects, 17 of 18 frames used"), "{said}");
     // Counted here again, from the accounts alone.
     let accounts: Vec<Value> = tree(&place.path("run/sweeps"))
@@ -119,9 +120,45 @@ fn card_has_the_sums_of_all_accounts() {
         assert_eq!(account["outputs"][0]["sha256"], row["volume_sha256"].as_str(), "{row:?}");
     }
     let readme = String::from_utf8(place.get("set/README.md")).unwrap();
-    for line in ["# Forearms\n", "| frames | 18 |", "| frames, used | 17 |", "- pose_invalid: 1\n", "BIDS-style", &hash]
-    {
+    for line in [
+        "# Forearms\n",
+        "| frames | 18 |",
+        "| frames, used | 17 |",
+        "- pose_invalid: 1\n",
+        "BIDS-style",
+        "License: CC0-1.0\n",
+        &hash,
+    ] {
         assert!(readme.contains(line), "{line}: {readme}");
+    }
+}
+
+#[test]
+fn tables_are_described_as_croissant() {
+    let place = batch();
+    run(&place);
+    ends(&place, 0, "batch card run -o bare --partial --name Forearms");
+    for (file, key) in [("croissant.json", "license"), ("dataset_description.json", "License")] {
+        assert!(place.json(&format!("bare/{file}"))[key].is_null(), "nobody has stated one");
+    }
+    let refused = ends(&place, 2, "batch card run -o set --partial --license=");
+    assert!(refused.stderr.contains("--license \"\": must be one line of text"), "{}", refused.stderr);
+    ends(&place, 0, "batch card run -o set --partial --name Forearms --license CC0-1.0");
+    assert_eq!(place.json("set/dataset_description.json")["License"], "CC0-1.0");
+    let described = place.json("set/croissant.json");
+    assert_eq!((described["name"].as_str(), described["license"].as_str()), (Some("Forearms"), Some("CC0-1.0")));
+    let (files, sets) = (described["distribution"].as_array().unwrap(), described["recordSet"].as_array().unwrap());
+    assert_eq!((files.len(), sets.len()), (2, 2));
+    for (file, set) in files.iter().zip(sets) {
+        let text = place.get(&format!("set/{}", file["contentUrl"].as_str().unwrap()));
+        let hash: String = Sha256::digest(&text).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(file["sha256"], hash.as_str());
+        let text = String::from_utf8(text).unwrap();
+        let columns: Vec<&str> = text.lines().next().unwrap().split('\t').collect();
+        let fields = set["field"].as_array().unwrap();
+        let named: Vec<&str> = fields.iter().map(|field| field["name"].as_str().unwrap()).collect();
+        assert_eq!(named, columns);
+        assert!(fields.iter().all(|field| field["source"]["fileObject"]["@id"] == file["@id"]));
     }
 }
 
@@ -130,9 +167,9 @@ fn names_pass_through_the_pseudonyms() {
     let place = batch();
     run(&place);
     ends(&place, 0, "batch card run -o set --partial --key study.key --json=card.json");
-    let made = ["set/README.md", "set/dataset_description.json", "set/participants.tsv", "set/sweeps.tsv", "card.json"];
-    for name in made {
-        let text = String::from_utf8(place.get(name)).unwrap();
+    let files = ["README.md", "dataset_description.json", "croissant.json", "participants.tsv", "sweeps.tsv"];
+    for name in files.map(|name| format!("set/{name}")).into_iter().chain(["card.json".to_owned()]) {
+        let text = String::from_utf8(place.get(&name)).unwrap();
         for secret in ["anna", "Anna", "ben", "2026-03-04", "20260304", "follow", "probe.toml", "/tmp", "L12"] {
             assert!(!text.contains(secret), "{name} holds {secret}: {text}");
         }

@@ -6,7 +6,9 @@
 //!
 //! - [`participants`]: subjects and sessions, and their labels.
 //! - [`files`]: the files of the folder.
+//! - `croissant`: the one that describes the tables.
 
+mod croissant;
 pub(crate) mod files;
 pub(crate) mod participants;
 

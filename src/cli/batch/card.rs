@@ -14,8 +14,8 @@ use crate::cli::Failure;
 /// Flags of `batch card`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
-Writes README.md, dataset_description.json, participants.tsv and sweeps.tsv into FOLDER: sweeps, frames used and \
-refused by reason, hours, calibrations with their errors, settings and versions. The numbers are sums over the \
+Writes README.md, dataset_description.json, croissant.json, participants.tsv and sweeps.tsv into FOLDER: sweeps, \
+frames used and refused by reason, hours, calibrations with their errors, settings and versions. The numbers are sums over the \
 accounts of the finished sweeps. Folders and names are BIDS-style; BIDS has no standard for freehand ultrasound.
 
 With --key, subjects, sessions and sweeps have pseudonyms, the same as those of `convert --subject`.
@@ -31,6 +31,9 @@ pub(super) struct Arguments {
     /// Name of the data set
     #[arg(long, value_name = "TEXT", default_value = "Freehand ultrasound")]
     name: String,
+    /// License of the data set, as its name or address [default: none is stated]
+    #[arg(long, value_name = "TEXT")]
+    license: Option<String>,
     /// Write the card of a batch that is not finished
     #[arg(long)]
     partial: bool,
@@ -46,10 +49,12 @@ pub(super) struct Arguments {
 /// # Errors
 /// [`Failure`] when the batch is not finished, or a file cannot be read or written.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { folder, output, name, partial, key, json } = arguments;
+    let Arguments { folder, output, name, license, partial, key, json } = arguments;
     json.check([])?;
-    if name.trim().is_empty() || name.chars().any(char::is_control) {
-        fail_usage!("--name {name:?}: must be one line of text");
+    for (flag, text) in [("name", Some(name)), ("license", license.as_ref())] {
+        if let Some(text) = text.filter(|text| text.trim().is_empty() || text.chars().any(char::is_control)) {
+            fail_usage!("--{flag} {text:?}: must be one line of text");
+        }
     }
     let run = RunFolder::open(folder)?;
     if let Some(key) = key {
@@ -62,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     input::check_folder(output)?;
     std::fs::create_dir_all(output).map_err(|e| Failure::io(output, "making the folder", &e))?;
-    files::write(&card, name, output)?;
+    files::write(&card, name, license.as_deref(), output)?;
     print_line!(
         "{}: {} of {} sweeps of {} subjects, {} of {} frames used, {:.4} hours",
         output.display(),

@@ -8,23 +8,27 @@ use serde_json::json;
 
 use formats::whole::write_whole;
 
-use super::{CalibrationUse, Card, SweepRow};
+use super::{CalibrationUse, Card, SweepRow, croissant};
 use crate::app::json::document;
 use crate::app::provenance::program;
 use crate::failure::Failure;
 
 /// The names of the files, in the order in which they are written.
-pub(crate) const NAMES: [&str; 4] = ["sweeps.tsv", "participants.tsv", "dataset_description.json", "README.md"];
+const NAMES: [&str; 5] = [SWEEPS, PARTICIPANTS, "dataset_description.json", "croissant.json", "README.md"];
+const SWEEPS: &str = "sweeps.tsv";
+const PARTICIPANTS: &str = "participants.tsv";
 
 /// Cell of a table without a value, as BIDS asks.
 const NONE: &str = "n/a";
 
-/// Writes the files into a folder that exists.
+/// Writes the files into a folder that exists. `license` is that of the data set, if it is known.
 ///
 /// # Errors
 /// [`Failure`] of the file system.
-pub(crate) fn write(card: &Card, name: &str, folder: &Path) -> Result<(), Failure> {
-    let texts = [sweeps(card), participants(card), description(card, name)?, readme(card, name)];
+pub(crate) fn write(card: &Card, name: &str, license: Option<&str>, folder: &Path) -> Result<(), Failure> {
+    let (sweeps, participants) = (sweeps(card), participants(card));
+    let croissant = croissant::text(name, license, &[(SWEEPS, &sweeps), (PARTICIPANTS, &participants)])?;
+    let texts = [sweeps, participants, description(card, name, license)?, croissant, readme(card, name, license)];
     for (file, text) in NAMES.iter().zip(texts) {
         let path = folder.join(file);
         write_whole(&path, |to| to.write_all(text.as_bytes())).map_err(|e| Failure::io(&path, "writing", &e))?;
@@ -99,8 +103,8 @@ fn participants(card: &Card) -> String {
     table(&columns, subjects.into_iter().map(row))
 }
 
-fn description(card: &Card, name: &str) -> Result<String, Failure> {
-    document(&json!({
+fn description(card: &Card, name: &str, license: Option<&str>) -> Result<String, Failure> {
+    let mut described = json!({
         "Name": name,
         // The version whose general rules the names follow; BIDS has none for freehand ultrasound.
         "BIDSVersion": "1.10.0",
@@ -111,7 +115,11 @@ fn description(card: &Card, name: &str) -> Result<String, Failure> {
             "Description": "BIDS-style. BIDS has no standard for tracked freehand ultrasound.",
         }],
         "Sonoweave": card,
-    }))
+    });
+    if let Some(license) = license {
+        described["License"] = license.into();
+    }
+    document(&described)
 }
 
 /// Returns a list with a line for each name and its number.
@@ -123,7 +131,7 @@ fn listed(counts: &BTreeMap<String, u64>) -> String {
     counts.iter().map(line).collect()
 }
 
-fn readme(card: &Card, name: &str) -> String {
+fn readme(card: &Card, name: &str, license: Option<&str>) -> String {
     let Card { sweeps, frames, recorded, calibrations, programs, settings, probes, subjects, .. } = card;
     let mut text = format!(
         "# {name}\n\nVolumes of tracked freehand ultrasound, reconstructed by sonoweave.\n\nFor research. Not a \
@@ -131,6 +139,9 @@ fn readme(card: &Card, name: &str) -> String {
         for tracked freehand ultrasound, so that its validator knows neither the folder `us` nor the suffixes.\n\n"
     );
     // Writing to a string does not fail.
+    if let Some(license) = license {
+        let _ = writeln!(text, "License: {license}\n");
+    }
     let _ = writeln!(
         text,
         "## Sweeps\n\n| | |\n|---|---|\n| subjects | {subjects} |\n| sweeps, planned | {} |\n| sweeps, done | {} |\n\
@@ -161,7 +172,8 @@ fn readme(card: &Card, name: &str) -> String {
     let _ = writeln!(text, "## Sweeps by setting of the reconstruction\n\n{}", listed(settings));
     let _ = writeln!(text, "## Sweeps by version of the program\n\n{}", listed(programs));
     text.push_str(
-        "## Files\n\n- `dataset_description.json`: these numbers, for programs.\n- `participants.tsv`: a row for each \
+        "## Files\n\n- `dataset_description.json`: these numbers, for programs.\n- `croissant.json`: the tables, for \
+        programs that load data sets (Croissant 1.0).\n- `participants.tsv`: a row for each \
         subject.\n- `sweeps.tsv`: a row for each sweep, with the folder and the first part of its files' names \
         (`…_sweep.igs.mha`, `…_sweep.json`, and `…_vol.mha` below `derivatives/sonoweave`).\n",
     );
