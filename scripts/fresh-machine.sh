@@ -2,10 +2,10 @@
 # Tests `make demo`, both tutorials and `make test` on a bare Debian 12 with only git, make, curl
 # and Rust. A machine without a compiler is made in a folder, and the last commit is cloned into
 # it. All run there, once as root and once as an unprivileged user with sudo. `python` builds the
-# wheel by the lines of docs/python.md instead, runs a tutorial with it, and then `make scale`:
-# volumes larger than memory, batches and clusters.
+# wheel by the lines of docs/python.md instead, and runs a tutorial with it. `scale` runs `make
+# scale`: volumes larger than memory, batches and clusters.
 #
-#   scripts/fresh-machine.sh [root|user|python]...     root and user by default
+#   scripts/fresh-machine.sh [root|user|python|scale]...     root and user by default
 #
 # Needs root (chroot, mounts), network as this machine has it, 4 GB of disk and half an hour. The
 # folder is target/fresh-machine, or the one that SONOWEAVE_FRESH_MACHINE names; it is removed at
@@ -24,7 +24,7 @@ fail() {
 who=("$@")
 [ ${#who[@]} -gt 0 ] || who=(root user)
 for name in "${who[@]}"; do
-    case $name in root | user | python) ;; *) fail "$name: must be root, user or python" ;; esac
+    case $name in root | user | python | scale) ;; *) fail "$name: must be root, user, python or scale" ;; esac
 done
 
 place=${SONOWEAVE_FRESH_MACHINE:-$PWD/target/fresh-machine}
@@ -77,12 +77,13 @@ run_as() {
     [ ! -f "$cargo_config" ] || install -D -m 644 "$cargo_config" "$root$home/.cargo/config.toml"
     [ "$name" != user ] || chroot "$root" chown -R maker: "$home"
     tasks=(demo replay calibrate test)
+    [ "$name" != scale ] || tasks=(scale)
     if [ "$name" = python ]; then
         # The page asks for them.
         chroot "$root" env DEBIAN_FRONTEND=noninteractive sh -c \
             'apt-get update -qq && apt-get install -y -qq --no-install-recommends python3-venv gcc libc6-dev' \
             >"$place/python.log" 2>&1 || fail "python3-venv could not be installed; the log is $place/python.log"
-        tasks=(python scale)
+        tasks=(python)
     fi
     for task in "${tasks[@]}"; do
         began=$SECONDS

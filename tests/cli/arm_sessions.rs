@@ -63,8 +63,9 @@ fn arm_takes_planar_path_by_itself_for_mean_and_decay() {
     let (pictures, by_slab) = replayed;
     assert!(pictures[0] > 5 && 2 * by_slab[0] > pictures[0], "{replayed:?}");
     // A live picture is of one slab where no slice came meanwhile: 44 of 47 beside a build on
-    // two processors.
-    assert!(live.1[0] > 0, "{live:?}");
+    // two processors. On a busier machine it may be none, as several slices come between pictures.
+    let slices = both[0][0]["frames"]["used"].as_u64().unwrap();
+    assert!(live.1[0] > 0 || 2 * live.0[0] < slices, "{live:?} of {slices} slices");
     assert_eq!([live.1[1], by_slab[1]], [0, 0]);
 }
 

@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 use super::place::{Place, Run};
@@ -110,10 +112,9 @@ fn all_tries(place: &Place, folder: &str) -> usize {
     tree(&place.path(&format!("{folder}/attempts"))).len()
 }
 
-/// Kills a process.
-pub(super) fn kill(process: u64) {
-    let killed = std::process::Command::new("kill").args(["-KILL", &process.to_string()]).status();
-    assert!(killed.unwrap().success());
+/// Sends a signal to a process, which may have ended.
+pub(super) fn signal(process: u64, signal: Signal) -> Result<(), Errno> {
+    kill_process(Pid::from_raw(i32::try_from(process).unwrap()).unwrap(), signal)
 }
 
 /// Process of a sweep's try that runs.
@@ -134,7 +135,7 @@ fn poison_sweeps_fail_alone_with_their_codes() {
     plan(&place, "run");
     let mut run = begins(&place, "batch run run --jobs 2");
     for number in [1, 2] {
-        kill(awaits(|| child_of(&place, "run", "shot", number)));
+        signal(awaits(|| child_of(&place, "run", "shot", number)), Signal::KILL).unwrap();
     }
     assert_eq!(run.wait().unwrap().code(), Some(10));
 

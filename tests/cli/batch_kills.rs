@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::batch::{awaits, begins, child_of, ends, plan, results, small_sweeps, tree, tries};
+use rustix::process::Signal;
+
+use super::batch::{awaits, begins, child_of, ends, plan, results, signal, small_sweeps, tree, tries};
 use super::place::Place;
 
 /// Number of sweeps.
@@ -69,7 +71,7 @@ fn killed_children_are_tried_again() {
         for process in running(&place) {
             if !killed.contains(&process) && killed.len() < 4 {
                 // It may have ended meanwhile.
-                let _ = std::process::Command::new("kill").args(["-KILL", &process.to_string()]).output();
+                let _ = signal(process, Signal::KILL);
                 killed.push(process);
             }
         }
@@ -104,8 +106,7 @@ fn child_has_its_limits_and_signal_ends_run() {
     let status = std::fs::read_to_string(format!("/proc/{child}/stat")).unwrap();
     let group: u64 = status.rsplit_once(')').unwrap().1.split_whitespace().nth(2).unwrap().parse().unwrap();
     assert_eq!(group, child, "a group of its own");
-    let killed = std::process::Command::new("kill").args(["-TERM", &run.id().to_string()]).status();
-    assert!(killed.unwrap().success());
+    signal(run.id().into(), Signal::TERM).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(1));
     assert!(results(&place, "run").is_empty(), "nothing temporary is left");
     let tried = tries(&place, "run", "g0");
@@ -114,8 +115,7 @@ fn child_has_its_limits_and_signal_ends_run() {
     // A stopped process is killed at its time limit.
     let mut run = begins(&place, "batch run run --attempts 1 --timeout 2s");
     let child = awaits(|| child_of(&place, "run", "g0", 2));
-    let stopped = std::process::Command::new("kill").args(["-STOP", &child.to_string()]).status();
-    assert!(stopped.unwrap().success());
+    signal(child, Signal::STOP).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(10));
     assert_eq!(tries(&place, "run", "g0")[1]["exit"], 8);
     assert!(!std::path::Path::new(&format!("/proc/{child}")).exists());

@@ -1,15 +1,13 @@
 //! Faults of processes and files while a volume is reconstructed in regions.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::time::Duration;
 
+use rustix::process::Signal;
+
+use super::batch::signal;
 use super::ome_zarr::shards;
 use super::regions::{finishes_as_whole, planned};
-
-/// Sends a signal to a process.
-fn signal(name: &str, process: u32) {
-    assert!(Command::new("kill").args([name, &process.to_string()]).status().unwrap().success());
-}
 
 #[test]
 fn damaged_shards_are_found_and_written_again() {
@@ -54,7 +52,7 @@ fn stopped_process_may_end_after_another_has_done_its_work() {
     while written() < 2 && slow.try_wait().unwrap().is_none() {
         std::thread::sleep(Duration::from_millis(1));
     }
-    signal("-STOP", slow.id());
+    signal(slow.id().into(), Signal::STOP).unwrap();
     let said = place.does("regions run v.ome.zarr");
     assert!(!said.contains("0 regions written"), "it was stopped before its end: {said}");
     let status = place.does("regions status v.ome.zarr");
@@ -62,7 +60,7 @@ fn stopped_process_may_end_after_another_has_done_its_work() {
     // A process that may still write keeps the volume from being finished.
     let run = place.run("regions finish v.ome.zarr");
     assert!(run.code != 0 && !place.path("v.ome.zarr").exists(), "{}", run.stdout);
-    signal("-CONT", slow.id());
+    signal(slow.id().into(), Signal::CONT).unwrap();
     assert!(slow.wait().unwrap().success());
     finishes_as_whole(&place);
 }
