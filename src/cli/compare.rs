@@ -12,6 +12,7 @@ use volume::difference::{Apart, Difference};
 
 use super::Failure;
 use super::print::print;
+use super::progress::say;
 use crate::app::histogram::round_up;
 use crate::app::input;
 use crate::app::volume_input::dense;
@@ -91,10 +92,9 @@ impl Arguments {
 }
 
 /// Prints the notes on a volume.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 fn print_notes(volume: &DenseVolume, path: &Path) {
     for note in volume.notes() {
-        eprintln!("sonoweave: note: {}: {note}", path.display());
+        say(&format!("note: {}: {note}", path.display()));
     }
 }
 

@@ -20,7 +20,7 @@ use sonoweave_core::date::Second;
 use sonoweave_core::region::ClipRect;
 use sync::ingest::live::Gives;
 
-use super::progress::{progress, turning};
+use super::progress::{progress, say, turning};
 use super::{Failure, values};
 use crate::app::convert::anonymous::Subject;
 use crate::app::convert::arrange::Arrangement;
@@ -182,7 +182,6 @@ struct Written {
 ///
 /// # Errors
 /// [`Failure`]: no output remains then, except images before the one that failed.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
@@ -209,7 +208,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let made = if is_volume { arguments.volume(&changes)? } else { arguments.recording(changes, is_session)? };
     let Written { content, left_out, blackened, filled, notes } = made;
     for note in &notes {
-        eprintln!("sonoweave: note: {note}");
+        say(&format!("note: {note}"));
     }
     if arguments.anonymize {
         print_line!("{}: anonymous {content}", output.display());
@@ -344,7 +343,6 @@ impl Arguments {
     }
 
     /// Reads the session's sensor poses, by its own configuration if it holds one.
-    #[allow(clippy::print_stderr, reason = "the command's output on the way")]
     fn placing(&self) -> Result<Placing, Failure> {
         let decisions = RecordedDecisions::read(&self.input)?;
         let bedside = Kept::at_first(&self.input, &decisions).ok();
@@ -356,11 +354,11 @@ impl Arguments {
             bedside.as_ref().and_then(|bedside| roles(bedside).ok()).map_or_else(Vec::new, Vec::from);
         for Delivered { device, stations, pictures } in placing::delivered(&self.input)? {
             if roles.iter().all(|one| one.name != device) && !stations.is_empty() {
-                eprintln!(
-                    "sonoweave: note: {}: the latencies of {device} and of the frames are unknown; times of reception \
+                say(&format!(
+                    "note: {}: the latencies of {device} and of the frames are unknown; times of reception \
                     are used",
                     self.input.display()
-                );
+                ));
             }
             let at = roles.iter().position(|one| one.name == device).unwrap_or_else(|| {
                 let gives = if pictures { Gives::Pictures } else { Gives::Stations(Vec::new()) };

@@ -56,8 +56,12 @@ impl LogFlags {
     /// Starts logging, and tracing if requested. Returns the trace's file.
     pub(super) fn begin(&self) -> Result<Option<TraceFile>, Failure> {
         let filter = filter(&self.log.clone().unwrap_or_else(|| self.verbosity.to_string()))?;
-        let log =
-            tracing_subscriber::fmt::layer().with_ansi(has_colours()).with_writer(std::io::stderr).with_filter(filter);
+        // The layer's own errors would be printed with a panic where standard error is closed.
+        let log = tracing_subscriber::fmt::layer()
+            .with_ansi(has_colours())
+            .with_writer(std::io::stderr)
+            .log_internal_errors(false)
+            .with_filter(filter);
         let (layer, file) = match &self.trace {
             Some(path) => {
                 input::check_output(path)?;

@@ -149,14 +149,13 @@ enum Command {
 
 /// The program's main function: parses the process's arguments, runs the command, and returns the
 /// exit code.
-#[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
 pub fn main() -> ExitCode {
     let ran = child::begin().and_then(|()| run(&Arguments::of_process()));
     child::end();
     match ran {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure(Reason { sentence, kind })) => {
-            eprintln!("sonoweave: {sentence}");
+            progress::say(&sentence);
             ExitCode::from(kind.code())
         }
     }

@@ -1,6 +1,7 @@
 //! Progress on standard error: sentences, lines of a session's status, and bars.
 
 use std::cell::Cell;
+use std::io::Write as _;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -13,10 +14,10 @@ use crate::app::reporter::Reporter;
 /// Time between two lines of a session's status.
 const STATUS_EVERY: Duration = Duration::from_secs(2);
 
-/// Says a sentence.
-#[allow(clippy::print_stderr, reason = "the command's output on the way")]
+/// Says a sentence. A closed pipe, or a terminal that is gone, ends no session: `eprintln!` would
+/// panic.
 pub(super) fn say(line: &str) {
-    eprintln!("sonoweave: {line}");
+    let _ = writeln!(std::io::stderr().lock(), "sonoweave: {line}");
 }
 
 /// Lines on standard error.

@@ -12,7 +12,7 @@ use config::view_settings::Draw;
 use render::camera::View;
 
 use super::Failure;
-use super::progress::steps;
+use super::progress::{say, steps};
 use crate::app::input;
 use crate::app::reconstruct::zarr::is_ome_zarr;
 use crate::app::render::look::Look;
@@ -24,7 +24,6 @@ use view_flags::Mode;
 ///
 /// # Errors
 /// [`Failure`]: the picture that failed was not written then.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { volume, output, turntable, .. } = arguments;
     let look = arguments.look()?;
@@ -46,7 +45,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let Rendered { contents, document, wall_s, notes } = request.run(&steps)?;
     for note in &notes {
-        eprintln!("sonoweave: note: {note}");
+        say(&format!("note: {note}"));
     }
     arguments.json.write_text(&document)?;
     let View { azimuth, elevation, roll, .. } = match contents {

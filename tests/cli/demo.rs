@@ -3,6 +3,8 @@
 use std::fs::Permissions;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -99,4 +101,25 @@ fn console_takes_next_port_and_opens_in_browser() {
     assert!(!url.contains(":9110/"), "{}", run.stderr);
     assert_eq!(String::from_utf8(place.get("opened")).unwrap().trim(), url);
     drop(taken);
+}
+
+#[test]
+fn session_ends_though_standard_error_is_closed() {
+    let place = Place::new();
+    let mut command = program();
+    command.args(["demo", "--duration", "2.5", "-o", "demo", "--headless", "-vv"]).current_dir(place.path(""));
+    let mut demo = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(demo.stderr.take());
+    let begun = Instant::now();
+    let ended = loop {
+        if let Some(ended) = demo.try_wait().unwrap() {
+            break ended;
+        }
+        if begun.elapsed() > Duration::from_secs(120) {
+            demo.kill().unwrap();
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(ended.code(), Some(0));
+    begins_together(&place.json("demo/statistics.json"));
 }

@@ -52,6 +52,30 @@ impl ViewClient for Eye {
 }
 
 #[test]
+fn session_ends_if_its_watcher_panics() {
+    // Devices that send for 20 s.
+    let (begin_ns, frames, disk) = (begin(), 500, Memory::default());
+    let set = Set::of(poses(begin_ns, frames), all_frames(begin_ns, frames));
+    let set = Set { looks: Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>), ..set };
+    let set = set.recorded(disk.clone(), WriterOptions::new("a test"), 0);
+    let session = std::thread::spawn(|| {
+        set.until(|status, _| {
+            assert!(status.ledger.frames.used < 3, "as planned");
+            false
+        })
+    });
+    // One that does not end must not hang the tests.
+    let begun = Instant::now();
+    while !session.is_finished() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "it goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(session.join().is_err());
+    let recorded = again(&disk, SECOND, Pace::Unpaced, false, |_, _| {}).0.status.ledger.frames.total;
+    assert!((3..frames / 2).contains(&recorded), "{recorded} frames are recorded");
+}
+
+#[test]
 fn freezing_and_clearing_are_repeated_by_the_replay() {
     let begin_ns = begin();
     let disk = Memory::default();

@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import collections
 import dataclasses
+import importlib
 import itertools
 import json
 import os
@@ -261,9 +262,9 @@ def _slurm() -> Any:
     Raises InputError if Slurm would refuse a job. Dask only logs that, and waits for ever.
     """
     try:
-        from dask_jobqueue import SLURMCluster
-
-        slurm = SLURMCluster()
+        # Its types are not stated.
+        jobqueue: Any = importlib.import_module("dask_jobqueue")
+        slurm = jobqueue.SLURMCluster()
         with tempfile.NamedTemporaryFile("w", suffix=".sh") as script:
             script.write(slurm.job_script())
             script.flush()

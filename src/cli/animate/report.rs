@@ -5,13 +5,13 @@ use std::path::Path;
 use statistics::PictureStatistics;
 
 use crate::app::replay::planes::PlanesStatistics;
+use crate::cli::progress::say;
 
 /// Prints the drawn pictures and their timings to stdout, and notes for the user to stderr.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(super) fn of_rays(statistics: &PictureStatistics, path: Option<&Path>) {
     let PictureStatistics { slice_to_picture_ms, picture, .. } = statistics;
     for note in &picture.notes {
-        eprintln!("sonoweave: note: {note}");
+        say(&format!("note: {note}"));
     }
     let Some(ms) = slice_to_picture_ms else { return };
     let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());

@@ -10,12 +10,11 @@ use super::flags::Flags;
 use crate::app::reconstruct::beside::Beside;
 use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed, Written};
 use crate::cli::Failure;
-use crate::cli::progress::steps;
+use crate::cli::progress::{say, steps};
 
 /// Reconstructs a recorded sweep into a volume and its other outputs but the report. Returns the
 /// numbers and the report. An OME-Zarr volume is reconstructed in regions if that is asked for, or
 /// memory does not suffice.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(super) fn reconstruct(
     sequence: &Path,
     output: &Path,
@@ -30,7 +29,7 @@ pub(super) fn reconstruct(
     } else {
         match sweep.reconstruct("reconstructing", &steps) {
             Err(error @ PipelineError::Memory { .. }) if request.check_regions().is_ok() => {
-                eprintln!("sonoweave: note: {error}; the volume is reconstructed in regions instead");
+                say(&format!("note: {error}; the volume is reconstructed in regions instead"));
                 let (request, sweep) = flags.request(sequence, Some(output), beside)?;
                 request.finish_in_regions(sweep.plan(&steps)?, &steps)?
             }
@@ -42,15 +41,14 @@ pub(super) fn reconstruct(
 }
 
 /// Prints a short report to stdout, and notes for the user to stderr.
-#[allow(clippy::print_stderr, reason = "the command's output")]
 pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     let Reconstructed { outcome, written: Written { statistics, filled, .. } } = done;
 
     for note in &outcome.notes {
-        eprintln!("sonoweave: note: {note}");
+        say(&format!("note: {note}"));
     }
     if outcome.ledger.refused_total() > 0 || outcome.ledger.untimed > 0 {
-        eprintln!("sonoweave: {}", outcome.ledger);
+        say(&outcome.ledger.to_string());
     }
     let grid = &statistics.grid;
     let [nx, ny, nz] = grid.size;

@@ -15,7 +15,7 @@ use super::recorder::Recording;
 use super::render_thread::{self, Drawn, SharedViewClient};
 use super::settings::{Finished, Session};
 use super::shared_volume::Shared;
-use super::spawn::spawn;
+use super::spawn::{EndOnPanic, spawn};
 use super::status::SessionStatus;
 use super::{plane_viewer, reader};
 use crate::Outcome;
@@ -59,6 +59,7 @@ impl EndedSession<'_> {
         let (shared, clock) = (&self.volume, &Monotonic);
         shared.resume();
         std::thread::scope(|scope| {
+            let _end = EndOnPanic(|| shared.end());
             let policy = SchedulingPolicy::default();
             if let Some(view) = &self.view {
                 spawn(scope, "picture", (&policy, Role::Usual), move || {

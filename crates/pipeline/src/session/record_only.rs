@@ -21,7 +21,7 @@ use super::priority::SchedulingPolicy;
 use super::recorder::{self, Record, Recording};
 use super::run::{FRAME_BYTES, READINGS, TURN};
 use super::sequencer::EventSequencer;
-use super::spawn::joined;
+use super::spawn::{EndOnPanic, joined};
 use super::status::{SessionStatus, StatusCollector};
 use crate::PipelineError;
 
@@ -76,6 +76,11 @@ pub fn record_only(
     let mut losses = Losses::default();
     let (status, sequencer) = (&status, &sequencer);
     let recording = std::thread::scope(|scope| {
+        let _end = EndOnPanic(|| {
+            ends.store(true, Ordering::Relaxed);
+            sequencer.close();
+            common.recorder.close();
+        });
         let writer = writing.map(|writing| {
             recorder::start(scope, policy, writing, clock, move |recording| status.recording(recording))
         });

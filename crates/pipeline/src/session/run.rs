@@ -28,7 +28,7 @@ use super::sequence::{self, Sequence};
 use super::sequencer::{EventSequencer, FromDevices};
 use super::settings::{Session, SessionInputs, Source};
 use super::shared_volume::Shared;
-use super::spawn::{joined, spawn};
+use super::spawn::{EndOnPanic, joined, spawn};
 use super::status::{SessionStatus, StatusCollector};
 use super::zones::Warnings;
 use super::{plane_viewer, reader};
@@ -224,6 +224,11 @@ impl Wiring<'_> {
         // Each thread that ends by itself has a sender, so that the last end is noticed at once.
         let (running, ended) = bounded::<()>(0);
         std::thread::scope(|scope| {
+            let _end = EndOnPanic(|| {
+                ends.store(true, Ordering::Relaxed);
+                sequencer.close();
+                common.recorder.close();
+            });
             let usual = (&*policy, Role::Usual);
             let writer = writing.map(|writing| {
                 recorder::start(scope, policy, writing, clock, move |recording| status.recording(recording))

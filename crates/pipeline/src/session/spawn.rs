@@ -19,6 +19,18 @@ pub(super) fn spawn<'scope, 'env, T: Send + 'scope>(
     Builder::new().name(name.into()).spawn_scoped(scope, run).unwrap_or_else(|error| panic!("thread {name}: {error}"))
 }
 
+/// Ends a scope's other threads if this thread panics: the scope waits for them, and they would run
+/// for ever.
+pub(super) struct EndOnPanic<F: Fn()>(pub(super) F);
+
+impl<F: Fn()> Drop for EndOnPanic<F> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            (self.0)();
+        }
+    }
+}
+
 /// Waits for a thread and returns its result; a panic is propagated.
 pub(super) fn joined<T>(thread: ScopedJoinHandle<'_, T>) -> T {
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
