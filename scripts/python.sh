@@ -52,7 +52,9 @@ build_wheel() {
     fi
     cargo fetch --locked --quiet
     (cd python && "$maturin" sdist --out "$out/dist" >"$out/sdist.log" 2>&1)
-    tar xzf "$out"/dist/sonoweave-*.tar.gz -C "$out/source" --strip-components=1
+    # The distribution's files have one time for ever: with it, cargo would take changed sources for
+    # those of the last build.
+    tar xzmf "$out"/dist/sonoweave-*.tar.gz -C "$out/source" --strip-components=1
     # The distribution lacks some members of the workspace: what only they need leaves the list of
     # crates, and nothing enters it.
     pairs() { awk -F'"' '/^name = /{ name = $2 } /^version = /{ print name, $2 }' "$1" | sort; }
