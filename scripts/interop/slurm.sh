@@ -20,6 +20,7 @@ end() {
 }
 trap end EXIT
 fail() {
+    tail -n 20 "$folder"/slurm*.log >&2 || true
     echo "slurm: $1" >&2
     exit 1
 }
@@ -55,6 +56,7 @@ SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU
 ReturnToService=2
 MailProg=/bin/true
+SlurmdParameters=config_overrides
 NodeName=$host NodeAddr=127.0.0.1 CPUs=2 RealMemory=4000 State=UNKNOWN
 PartitionName=all Nodes=ALL Default=YES State=UP
 EOF
@@ -67,8 +69,8 @@ until_true() {
     local tries=0
     until "$@"; do
         tries=$((tries + 1))
-        [ $tries -lt 600 ] || fail "waited in vain for: $*"
-        sleep 0.2
+        [ $tries -lt 1200 ] || fail "waited in vain for: $*"
+        sleep 0.1
     done
 }
 is_idle() { [ "$(sinfo -h -o %T 2>/dev/null)" = idle ]; }
@@ -78,7 +80,7 @@ awk '/^```sh/{ inside = 1; next } /^```/{ inside = 0 } inside' "$page" >array.sh
 [ -s array.sh ] || fail "docs/cluster.md has no script of a job array"
 sonoweave phantom -o sweep.mha --frames 10 --image-size 40x30 --pixel 0.5 --gap 0.5 -q >/dev/null
 echo "id,recording,settings" >manifest.csv
-for spacing in $(seq 201 260); do
+for spacing in $(seq 201 320); do
     echo "s$spacing,sweep.mha,--clip none --spacing 0.$spacing" >>manifest.csv
 done
 count=$(($(wc -l <manifest.csv) - 1))
