@@ -180,8 +180,9 @@ fn recorded_bytes_decode_to_the_recorded_readings() {
     };
     let (recorded, decoded) = (poses(false), poses(true));
     assert!(recorded.len() > 60, "{}", recorded.len());
-    // The last bytes arrived at the end of the session and were not decoded.
-    assert!(decoded.len() - recorded.len() < 20, "{} {}", decoded.len(), recorded.len());
+    // The last bytes arrived at the end of the session and were not decoded: on a busy machine as
+    // many as a terminal holds, 4096, of records of 16 and more.
+    assert!(decoded.len() - recorded.len() < 256, "{} {}", decoded.len(), recorded.len());
     assert_eq!(recorded, decoded[..recorded.len()]);
 }
 
