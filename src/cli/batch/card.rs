@@ -15,8 +15,9 @@ use crate::cli::Failure;
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
 Writes README.md, dataset_description.json, croissant.json, participants.tsv and sweeps.tsv into FOLDER: sweeps, \
-frames used and refused by reason, hours, calibrations with their errors, settings and versions. The numbers are sums over the \
-accounts of the finished sweeps. Folders and names are BIDS-style; BIDS has no standard for freehand ultrasound.
+frames used and refused by reason, hours, calibrations with their errors, settings and versions. The numbers are \
+sums over the accounts of the finished sweeps. Folders and names are BIDS-style; BIDS has no standard for freehand \
+ultrasound.
 
 With --key, subjects, sessions and sweeps have pseudonyms, the same as those of `convert --subject`.
 
