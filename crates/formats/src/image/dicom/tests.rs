@@ -204,6 +204,27 @@ fn read(path: &std::path::Path) -> Vec<String> {
     said
 }
 
+/// Headers of an item's begin, its end and a sequence's end.
+const MARKS: [[u8; 8]; 3] = [*b"\xfe\xff\x00\xe0\0\0\0\0", *b"\xfe\xff\x0d\xe0\0\0\0\0", *b"\xfe\xff\xdd\xe0\0\0\0\0"];
+
+#[test]
+fn ends_of_what_did_not_begin_are_refused() {
+    let place = Place::new();
+    let object = planes(even);
+    let good = bytes(&object, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let at = good.windows(6).position(|bytes| bytes == b"\x10\0\x10\0PN").unwrap();
+    let [item, item_end, sequence_end] = MARKS;
+    let sequence = *b"\x40\0\x55\x05SQ\0\0\xff\xff\xff\xff";
+    let with = |inserted: &[&[u8]]| [&good[..at], &inserted.concat(), &good[at..]].concat();
+    assert!(content(&place.put(&with(&[&sequence, &item, &sequence_end])), &Limits::default()).is_ok());
+    for inserted in
+        [&[&item_end[..], &item][..], &[&sequence, &item_end, &item], &[&sequence, &item_end, &sequence_end]]
+    {
+        let error = content(&place.put(&with(inserted)), &Limits::default()).unwrap_err().to_string();
+        assert!(error.contains("is damaged or cut short there"), "{error}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
@@ -212,6 +233,7 @@ proptest! {
     fn damaged_files_are_read_or_refused(
         is_volume: bool,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+        marks in prop::collection::vec((any::<prop::sample::Index>(), prop::sample::select(&MARKS[..])), 0..3),
         cut in prop::option::of(any::<prop::sample::Index>()),
     ) {
         let object = if is_volume { planes(even) } else { frames() };
@@ -219,6 +241,10 @@ proptest! {
         for (at, value) in flips {
             let at = at.index(file.len());
             file[at] = value;
+        }
+        for (at, mark) in marks {
+            let at = at.index(file.len() - mark.len());
+            file[at..at + mark.len()].copy_from_slice(&mark);
         }
         if let Some(cut) = cut {
             file.truncate(cut.index(file.len()));

@@ -20,6 +20,13 @@ use crate::image::fault::Fault;
 /// recurses, so that a hostile file could otherwise exhaust its stack.
 const DEEPEST: usize = 16;
 
+/// A begun part of the data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Sequence,
+    Item,
+}
+
 /// Element of the pixel data that a walk has found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct PixelElement {
@@ -45,19 +52,19 @@ pub(super) struct Extent {
 ///
 /// # Errors
 /// [`Fault`] for lengths beyond the file, a header beyond its limit, nesting beyond [`DEEPEST`],
-/// and pixels in compressed fragments.
+/// ends of parts that did not begin, and pixels in compressed fragments.
 pub(super) fn walk(source: impl Read, syntax: &TransferSyntax, extent: Extent) -> Result<Option<PixelElement>, Fault> {
     let Extent { from, until, limit } = extent;
     let damaged = |at: u64| Fault::field("data set", at, "is damaged or cut short there; copy the file again");
     let decoder = StatefulDecoder::new_with_ts(source, syntax, from).map_err(|_| damaged(from))?;
     let mut reader = LazyDataSetReader::new(decoder);
-    let (mut depth, mut reached) = (0_usize, from);
+    let (mut begun, mut reached) = (Vec::new(), from);
     while let Some(token) = reader.advance() {
         match token.map_err(|_| damaged(reached))? {
             LazyDataToken::LazyValue { header, decoder } => {
                 let (at, bytes) = (decoder.position(), header.length().get());
                 let Some(bytes) = bytes.map(u64::from) else { return Err(damaged(at)) };
-                if header.tag() == tags::PIXEL_DATA && depth == 0 {
+                if header.tag() == tags::PIXEL_DATA && begun.is_empty() {
                     return Ok(Some(PixelElement { at, bytes, vr: header.vr() }));
                 }
                 reached = at.saturating_add(bytes);
@@ -76,13 +83,16 @@ pub(super) fn walk(source: impl Read, syntax: &TransferSyntax, extent: Extent) -
                 decoder.skip_bytes(bytes as u32).map_err(|_| damaged(at))?;
             }
             LazyDataToken::SequenceStart { tag, .. } => {
-                depth += 1;
-                if depth > DEEPEST {
+                begun.push(Part::Sequence);
+                if begun.iter().filter(|part| **part == Part::Sequence).count() > DEEPEST {
                     let problem = format!("is nested more than {DEEPEST} deep; the file is damaged: copy it again");
                     return Err(Fault::field(name(tag), reached, problem));
                 }
             }
-            LazyDataToken::SequenceEnd => depth = depth.saturating_sub(1),
+            LazyDataToken::ItemStart { .. } => begun.push(Part::Item),
+            // The parser panics at an item after an end of what did not begin.
+            LazyDataToken::ItemEnd if begun.pop() != Some(Part::Item) => return Err(damaged(reached)),
+            LazyDataToken::SequenceEnd if begun.pop() != Some(Part::Sequence) => return Err(damaged(reached)),
             LazyDataToken::PixelSequenceStart => {
                 let problem = "is in compressed fragments, which are not read; store it uncompressed, as by \
                                `gdcmconv --raw IN.dcm OUT.dcm`";
