@@ -226,9 +226,7 @@ impl SessionWriter {
     /// # Errors
     /// The errors of [`Self::write`].
     pub fn note(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
-        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
-        self.items += 1;
-        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, at_ns)
+        self.write_note((kind, json, at_ns), at_ns, false)
     }
 
     /// Writes a note about earlier messages. It keeps its own time, but follows the previous
@@ -238,21 +236,30 @@ impl SessionWriter {
     /// # Errors
     /// The errors of [`Self::write`].
     pub fn note_behind(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
-        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
-        self.items += 1;
-        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, self.last_ns)
+        self.write_note((kind, json, at_ns), self.last_ns, false)
     }
 
-    fn write_note(&mut self, note: &Recorded, at_ns: i64) -> Result<(), Error> {
-        let channel = self.note_channel(&note.topic)?;
+    /// Writes a note like [`Self::note_behind`], even if the memory for waiting messages is full:
+    /// one of the last notes before [`Self::finish`], which no later note can make good.
+    ///
+    /// # Errors
+    /// The errors of [`Self::write`].
+    pub fn last_note(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
+        self.write_note((kind, json, at_ns), self.last_ns, true)
+    }
+
+    fn write_note(&mut self, (kind, json, own_ns): (&str, &str, i64), at_ns: i64, is_last: bool) -> Result<(), Error> {
+        let stamp = Stamp { item: self.items, host_ns: Some(own_ns), ..Stamp::default() };
+        self.items += 1;
+        let channel = self.note_channel(kind)?;
         let due = self.advance(at_ns);
-        if self.has_room(false) {
+        if is_last || self.has_room(false) {
             self.message.clear();
-            let note = Reading::Recorded(note.clone());
+            let note = Reading::Recorded(Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() });
             message::write(&note, None, &mut self.encoder, &mut self.message);
-            self.put(channel, at_ns, note.stamp().host_ns.unwrap_or(at_ns))?;
+            self.put(channel, at_ns, own_ns)?;
         } else {
-            self.lose(channel, note.text.len(), at_ns);
+            self.lose(channel, json.len(), at_ns);
         }
         due
     }

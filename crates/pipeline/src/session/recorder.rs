@@ -11,7 +11,7 @@
 //! ([`Syncer`](formats::session::Syncer)). The writer does not wait for it.
 
 use std::borrow::Cow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::{Scope, ScopedJoinHandle};
@@ -367,23 +367,20 @@ fn run(queue: &Queue, file: File, clock: &dyn Clock, mut report: impl FnMut(&Rec
         // Space that may still be written.
         let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
         (checked_ns, recording.room) = (now_ns, left);
-        recording.lost = note_lost(writer, queue, &mut noted, now_ns);
-        recording.status = writer.account();
         if is_full {
             recording.ended = format!(
                 "the recording has ended, so that {} MB stay free on the disk: make room, and begin a new session; what comes now is not recorded",
                 keep_free / 1_000_000
             );
             tracing::error!("{}: {}", recording.path.display(), recording.ended);
-            note(writer, "end", &serde_json::json!({ "why": recording.ended }), now_ns);
-            end(&mut open, clock, &mut recording);
+            end(&mut open, queue, noted, clock, &mut recording);
+        } else {
+            recording.lost = note_lost(writer, queue, &mut noted, now_ns);
+            recording.status = writer.account();
         }
         report(&recording);
     }
-    if let Some(writer) = &mut open {
-        recording.lost = note_lost(writer, queue, &mut noted, clock.now_ns());
-        end(&mut open, clock, &mut recording);
-    }
+    end(&mut open, queue, noted, clock, &mut recording);
     report(&recording);
     recording
 }
@@ -396,29 +393,48 @@ fn note_lost(writer: &mut SessionWriter, queue: &Queue, noted: &mut Unwritten, n
         return lost;
     }
     // Messages waiting in memory go to the disk first, if it takes any.
-    if let Err(error) = writer.tick(now_ns) {
-        tracing::error!("{}: {error}", writer.path().display());
-    }
+    logged(writer.tick(now_ns), writer.path());
     let before = writer.account().lost;
-    note(writer, "lost", &serde_json::json!(lost), now_ns);
+    logged(writer.note_behind("lost", &serde_json::json!(lost).to_string(), now_ns), writer.path());
     if writer.account().lost == before {
         *noted = lost;
-        tracing::error!("{}: {} messages found the queue before the disk full", writer.path().display(), lost.total());
+        log_lost(writer.path(), lost);
     }
     lost
 }
 
-fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_ns: i64) {
-    if let Err(error) = writer.note_behind(kind, &value.to_string(), now_ns) {
-        tracing::error!("{}: {error}", writer.path().display());
+fn log_lost(path: &Path, lost: Unwritten) {
+    tracing::error!("{}: {} messages found the queue before the disk full", path.display(), lost.total());
+}
+
+fn logged(outcome: Result<(), formats::Error>, path: &Path) {
+    if let Err(error) = outcome {
+        tracing::error!("{}: {error}", path.display());
     }
 }
 
-/// Ends the file.
-fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Recording) {
-    let Some(writer) = open.take() else { return };
+/// Ends the file, with the losses in the queue, if they were not noted, and the reason, if it
+/// ends before the session.
+fn end(
+    open: &mut Option<SessionWriter>,
+    queue: &Queue,
+    noted: Unwritten,
+    clock: &dyn Clock,
+    recording: &mut Recording,
+) {
+    let Some(mut writer) = open.take() else { return };
+    let now_ns = clock.now_ns();
+    recording.lost = queue.lost.so_far();
+    if recording.lost != noted {
+        log_lost(&recording.path, recording.lost);
+        logged(writer.last_note("lost", &serde_json::json!(recording.lost).to_string(), now_ns), &recording.path);
+    }
+    if !recording.ended.is_empty() {
+        let why = serde_json::json!({ "why": recording.ended }).to_string();
+        logged(writer.last_note("end", &why, now_ns), &recording.path);
+    }
     let before = writer.account();
-    match writer.finish(clock.now_ns()) {
+    match writer.finish(now_ns) {
         Ok(status) => {
             recording.status = status;
             recording.unsynced.ended();
@@ -429,5 +445,50 @@ fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Reco
             let lost = before.messages - before.stored;
             recording.status = Account { trouble: error.to_string(), lost, held_bytes: 0, ..before };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use formats::Limits;
+    use formats::session::{Event, Maker, SessionReader, WriterOptions};
+    use sonoweave_core::clock::{Manual, SECOND};
+
+    use super::*;
+
+    #[test]
+    fn last_note_of_losses_is_there_even_if_no_memory_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        // No chunk is due before the end, so that all wait in memory, which has room for few.
+        let options = WriterOptions { chunk_ns: 3600 * SECOND, held_bytes: 10_000, ..WriterOptions::new("a test") };
+        let writer = SessionWriter::create(folder.path(), options).unwrap();
+        let (recorder, queue) = Recorder::new();
+        recorder.note("test", &"", 0);
+        let mut recorder = Some(recorder);
+        let more = 10;
+        let file = File { writer, sources: Vec::new(), kept: None, keep_free: Arc::default() };
+        // More messages than the queue holds come while the first report is made. The clock
+        // stands still, so that the losses are not looked at again before the end.
+        let recording = run(&queue, file, &Manual::at(0), |_| {
+            if let Some(recorder) = recorder.take() {
+                let text = "-".repeat(100);
+                (0..QUEUE + more).for_each(|_| recorder.note("test", &text, 0));
+            }
+        });
+        assert_eq!(recording.lost, Unwritten { frames: 0, others: more as u64 });
+        assert!(recording.status.lost > QUEUE as u64 / 2, "the memory was full: {:?}", recording.status);
+
+        let mut reader = SessionReader::open(&recording.path, &Limits::default()).unwrap();
+        let mut maker = Maker::new(false, Limits::default().frame_bytes);
+        let mut notes = Vec::new();
+        while let Some(event) = reader.next_event().unwrap() {
+            if let Event::Message(message) = event
+                && let Some(Reading::Recorded(note)) = maker.read(&message).unwrap()
+                && note.topic == "lost"
+            {
+                notes.push(note.text);
+            }
+        }
+        assert_eq!(notes, [format!(r#"{{"frames":0,"others":{more}}}"#)]);
     }
 }
