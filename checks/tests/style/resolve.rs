@@ -62,7 +62,8 @@ fn lookup(modules: &[Module], module: usize, name: &str, chain: usize) -> Option
         let mut others = paths.iter().filter(|path| path.len() > 1 || path[0] != name);
         return others.find_map(|path| follow(modules, module, path, chain));
     }
-    own.globs.iter().find_map(|glob| match follow(modules, module, glob, chain)? {
+    // Nor is a glob's own first name looked for in globs: with several, the search would not end.
+    own.globs.iter().filter(|glob| glob[0] != name).find_map(|glob| match follow(modules, module, glob, chain)? {
         Place::Module(other) if other != module => lookup(modules, other, name, chain.checked_sub(1)?),
         _ => None,
     })
