@@ -3,6 +3,8 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
+use sonoweave_core::rotation::direction;
+
 use super::{Arm, JOINTS, Kind, Values};
 
 /// Derivatives of the pose (x in mm, y in mm, heading in rad) by the numbers of one joint.
@@ -94,7 +96,7 @@ impl Arm {
     /// the last first, displace the point by an arc each.
     pub fn displacement(&self, values: &Values, point_mm: DVec2, counts: f64) -> Displacement {
         let (links, heading) = self.links(values);
-        let point = links[JOINTS - 1].end + DVec2::from_angle(heading).rotate(point_mm);
+        let point = links[JOINTS - 1].end + direction(heading).rotate(point_mm);
         let (mut most_mm, mut squares) = (0.0, 0.0);
         for (joint, link) in self.joints().iter().zip(&links).rev() {
             let off = counts * joint.value_per_count().abs();

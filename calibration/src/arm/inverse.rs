@@ -14,6 +14,8 @@
 
 use glam::DVec2;
 
+use sonoweave_core::rotation::direction;
+
 use super::planar_pose::turned_near;
 use super::{Arm, JOINTS, Kind, PlanarPose, Values};
 use crate::error::{ArmError, CalibrationError};
@@ -108,7 +110,7 @@ impl Arm {
         let lengths = self.joints().each_ref().map(|joint| joint.length_mm);
         let far = |missing| ArmError::TooFar { by_mm: missing };
         let heading = pose.heading_rad;
-        let third = DVec2::from_angle(heading);
+        let third = direction(heading);
         // Start of the last link, if it does not slide.
         let wrist = pose.position_mm - lengths[2] * third;
         let kinds = self.joints().each_ref().map(|joint| Step::of(joint.kind));
@@ -120,7 +122,7 @@ impl Arm {
                 [first, second - first, heading - second]
             }
             [Slide(first), Turn, Turn] => {
-                let along = DVec2::from_angle(first);
+                let along = direction(first);
                 let slide = circle_meets_line(wrist, along, lengths[1], elbow).map_err(far)?;
                 let second = angle(wrist - slide * along, 2)?;
                 [slide - lengths[0], second - first, heading - second]
@@ -128,7 +130,7 @@ impl Arm {
             [Turn, Slide(bend), Turn] => {
                 // In the frame of the first link, which lies along x.
                 let base = DVec2::new(-lengths[0], 0.0);
-                let along = DVec2::from_angle(bend);
+                let along = direction(bend);
                 let near = |missing| ArmError::TooNear { by_mm: missing };
                 let slide = circle_meets_line(base, along, wrist.length(), elbow).map_err(near)?;
                 let first = angle(wrist, 1)? - angle(slide * along - base, 1)?;
@@ -136,26 +138,26 @@ impl Arm {
             }
             [Turn, Turn, Slide(bend)] => {
                 let second = heading - bend;
-                let target = pose.position_mm - lengths[1] * DVec2::from_angle(second);
+                let target = pose.position_mm - lengths[1] * direction(second);
                 let slide = circle_meets_line(target, third, lengths[0], elbow).map_err(far)?;
                 let first = angle(target - slide * third, 1)?;
                 [first, second - first, slide - lengths[2]]
             }
             [Slide(first), Slide(bend), Turn] => {
                 let both = [first, first + bend];
-                let [a, b] = lines_meet(wrist, both.map(DVec2::from_angle), [1, 2])?;
+                let [a, b] = lines_meet(wrist, both.map(direction), [1, 2])?;
                 [a - lengths[0], b - lengths[1], heading - first - bend]
             }
             [Slide(first), Turn, Slide(bend)] => {
                 let second = heading - bend;
-                let target = pose.position_mm - lengths[1] * DVec2::from_angle(second);
-                let [a, c] = lines_meet(target, [DVec2::from_angle(first), third], [1, 3])?;
+                let target = pose.position_mm - lengths[1] * direction(second);
+                let [a, c] = lines_meet(target, [direction(first), third], [1, 3])?;
                 [a - lengths[0], second - first, c - lengths[2]]
             }
             [Turn, Slide(bend), Slide(last)] => {
                 let (first, second) = (heading - last - bend, heading - last);
-                let target = pose.position_mm - lengths[0] * DVec2::from_angle(first);
-                let [b, c] = lines_meet(target, [DVec2::from_angle(second), third], [2, 3])?;
+                let target = pose.position_mm - lengths[0] * direction(first);
+                let [b, c] = lines_meet(target, [direction(second), third], [2, 3])?;
                 [first, b - lengths[1], c - lengths[2]]
             }
             [Slide(a), Slide(b), Slide(c)] => {

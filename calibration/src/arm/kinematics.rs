@@ -3,6 +3,7 @@
 use glam::DVec2;
 
 use sonoweave_core::frames::{Probe, Tracker, Transform};
+use sonoweave_core::rotation::direction;
 
 use super::{Arm, JOINTS, Kind, Link, PlanarPose, Values};
 
@@ -20,7 +21,7 @@ impl Arm {
         let (mut joint, mut heading) = (DVec2::ZERO, 0.0);
         let links = self.steps(values).map(|(turn, length)| {
             heading += turn;
-            let along = DVec2::from_angle(heading);
+            let along = direction(heading);
             let link = Link { joint, along, end: joint + length * along };
             joint = link.end;
             link

@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use sonoweave_core::frames::{Probe, Tracker, Transform};
+use sonoweave_core::rotation::direction;
 
 use crate::error::{ArmError, CalibrationError};
 
@@ -20,8 +21,9 @@ pub struct PlanarPose {
 impl PlanarPose {
     /// Returns the pose in space.
     pub fn tracker_from_probe(&self) -> Transform<Tracker, Probe> {
+        let x = direction(self.heading_rad);
         Transform::from_affine(DAffine3 {
-            matrix3: DMat3::from_rotation_z(self.heading_rad),
+            matrix3: DMat3::from_cols(x.extend(0.0), x.perp().extend(0.0), DVec3::Z),
             translation: self.position_mm.extend(0.0),
         })
     }
@@ -54,7 +56,7 @@ impl PlanarPose {
 
     /// Returns the position of a point of the probe's x-y plane, mm.
     pub fn point(&self, point_mm: DVec2) -> DVec2 {
-        self.position_mm + DVec2::from_angle(self.heading_rad).rotate(point_mm)
+        self.position_mm + direction(self.heading_rad).rotate(point_mm)
     }
 }
 

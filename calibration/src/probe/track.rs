@@ -3,6 +3,7 @@
 use glam::{DAffine3, DQuat};
 
 use sonoweave_core::frames::{Probe, Reference, Tracker, Transform};
+use sonoweave_core::rotation::slerp;
 
 /// Default longest gap between poses for interpolation, s.
 const LONGEST_GAP_S: f64 = 0.5;
@@ -81,7 +82,7 @@ impl Track {
         }
         let share = (time_s - earlier.time_s) / gap;
         let between = |a: DAffine3, b: DAffine3| {
-            let turn = DQuat::from_mat3(&a.matrix3).slerp(DQuat::from_mat3(&b.matrix3), share);
+            let turn = slerp(DQuat::from_mat3(&a.matrix3), DQuat::from_mat3(&b.matrix3), share);
             DAffine3::from_rotation_translation(turn, a.translation.lerp(b.translation, share))
         };
         let probe = between(earlier.tracker_from_probe.affine(), later.tracker_from_probe.affine());

@@ -6,7 +6,8 @@
 //! - [`reading`]: the data that a device delivers. [`device`]: the trait of all devices, their
 //!   description and timing. [`health`]: a device's state. [`pool`]: reusable pixel buffers.
 //! - [`slice`](mod@slice): an image with its time and pose, as the stages pass it on.
-//!   [`region`]: the rectangle and fan of the image that are data.
+//!   [`region`]: the rectangle and fan of the image that are data. [`rotation`]: turns with equal
+//!   bits on every machine.
 //! - [`refusal`], [`ledger`]: the outcome of every frame, and the reasons.
 //! - [`keys`]: TOML files read key by key, for every file of ours.
 //! - [`error`]: the error of all devices.
@@ -28,6 +29,7 @@ pub mod pool;
 pub mod reading;
 pub mod refusal;
 pub mod region;
+pub mod rotation;
 pub mod slice;
 
 /// Purpose of the program, for help texts, pages, reports and DICOM files.

@@ -6,6 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::rotation::sin_cos;
+
 /// Tolerance, in pixels, for centres on a fan's border: trigonometry in f64 is off by some
 /// 1e-13 there.
 const ON_BORDER: f64 = 1e-9;
@@ -94,8 +96,8 @@ impl Fan {
         FanTest {
             origin: self.origin_px,
             radii: self.radii_px,
-            first: [first.sin(), first.cos()],
-            last: [last.sin(), last.cos()],
+            first: sin_cos(first),
+            last: sin_cos(last),
             wide: last - first > std::f64::consts::PI,
         }
     }

@@ -15,6 +15,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use drivers::simulated::grabber::Pictures;
 use drivers::simulated::{Motion, Placed};
 use sonoweave_core::frames::{Image as ImageFrame, Probe, Stylus, Tracker, Transform, World};
+use sonoweave_core::rotation::slerp;
 
 use super::bmode::BMode;
 use super::scan::{Scan, probe_from_picture, tracker_from_reference};
@@ -81,10 +82,8 @@ impl Bedside {
         let [from, to] =
             [frame, (frame + 1).min(last)].map(|frame| self.scan.trajectory().world_from_picture(frame).affine());
         let [a, b] = [from, to].map(|pose| DQuat::from_mat3(&pose.matrix3).normalize());
-        // Takes the shorter of a rotation and its opposite.
-        let b = if a.dot(b) < 0.0 { -b } else { b };
         Transform::from_affine(DAffine3::from_rotation_translation(
-            a.slerp(b, share),
+            slerp(a, b, share),
             from.translation.lerp(to.translation, share),
         ))
     }
@@ -246,10 +245,7 @@ mod tests {
             (DQuat::from_xyzw(x, y, z, w).normalize(), DVec3::from_array(pose.position_cm) * 10.0)
         };
         let [(a, from), (b, to)] = [pose(two[0]), pose(two[1])];
-        Some(DAffine3::from_rotation_translation(
-            a.slerp(if a.dot(b) < 0.0 { -b } else { b }, share),
-            from.lerp(to, share),
-        ))
+        Some(DAffine3::from_rotation_translation(slerp(a, b, share), from.lerp(to, share)))
     }
 
     #[test]

@@ -12,6 +12,8 @@ use std::fmt;
 use glam::{DAffine3, DQuat, DVec3};
 use serde::Serialize;
 
+use sonoweave_core::rotation::slerp;
+
 use super::clock::TimeFlags;
 
 /// A rigid pose in f64: maps points of the sensor's frame to points of the tracker's, mm.
@@ -52,10 +54,8 @@ impl Rigid {
         if self == other {
             return *self;
         }
-        // A quaternion and its negative are the same orientation; the nearer one is used.
-        let to = if self.rotation.dot(other.rotation) < 0.0 { -other.rotation } else { other.rotation };
         Self {
-            rotation: self.rotation.slerp(to, share).normalize(),
+            rotation: slerp(self.rotation, other.rotation, share).normalize(),
             position_mm: self.position_mm.lerp(other.position_mm, share),
         }
     }

@@ -3,6 +3,8 @@
 
 use glam::{DVec2, DVec3};
 
+use sonoweave_core::rotation::direction;
+
 use super::number::Number;
 use super::options::Options;
 use super::touches::{Known, Touch};
@@ -79,7 +81,7 @@ impl<'a> Model<'a> {
     /// Returns the touched divot, turned by the plate's angle but not yet shifted.
     fn turned(&self, state: &State, plate_mm: &[DVec2], touch: &Touch) -> DVec2 {
         let angle = self.placing.and_then(|(angle, _)| angle).map_or(0.0, |angle| state.vector(angle)[0]);
-        DVec2::from_angle(angle).rotate(plate_mm[touch.of])
+        direction(angle).rotate(plate_mm[touch.of])
     }
 
     fn shift(&self, state: &State) -> DVec2 {
@@ -207,7 +209,7 @@ pub(super) fn moved(arm: &Arm, values: &Values, tip_mm: DVec2, joint: usize, num
         Number::CountsPerUnit => by.counts_per_unit,
         Number::Direction => by.direction,
     };
-    let lever = DVec2::from_angle(arm.pose(values).heading_rad).rotate(tip_mm).perp();
+    let lever = direction(arm.pose(values).heading_rad).rotate(tip_mm).perp();
     by.truncate() + lever * by.z
 }
 
@@ -234,5 +236,5 @@ fn placed(arm: &Arm, plate_mm: &[DVec2], touches: &[Touch], tip_mm: DVec2) -> (f
         cosine += a.dot(b);
     }
     let angle = sine.atan2(cosine);
-    (angle, points - DVec2::from_angle(angle).rotate(divots))
+    (angle, points - direction(angle).rotate(divots))
 }
