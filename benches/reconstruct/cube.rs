@@ -148,7 +148,7 @@ fn instruction_sets(
     sweep: &[Slice],
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
-    // Without fused multiply-add instructions, portable code is some fifty times slower, so few
+    // Without fused multiply-add instructions, portable code is some ten times slower, so few
     // slices are used.
     let sweep = &sweep[..sweep.len().min(6)];
     let available: Vec<Settings> = Simd::ALL

@@ -31,7 +31,8 @@ pub enum Simd {
     Avx512,
     /// AVX2 and FMA, two registers of 8 lanes.
     Avx2,
-    /// Scalar code with fused multiply-add.
+    /// Vectors of the compiler's target: SSE2, or NEON on aarch64. Without an instruction for
+    /// fused multiply-add, it is made of others.
     Portable,
 }
 
@@ -66,7 +67,7 @@ impl Simd {
         }
     }
 
-    /// Runs scalar code compiled with the set's fused multiply-add, which otherwise is a
+    /// Runs scalar code compiled with the set's fused multiply-add, which otherwise may be a
     /// library call; the bits are the same.
     ///
     /// # Panics

@@ -160,10 +160,78 @@ fn operations_match_scalar_code_bit_for_bit() {
             }
         }
     }
-    // All sets that the kernel lists for this processor.
+    // All sets that the kernel lists for this processor. An emulated one has the host's list.
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap();
     let flags = told.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
-    let has = |all: [&str; 2]| all.iter().all(|flag| flags.split_whitespace().any(|word| word == *flag));
+    let has = |all: [&str; 2]| {
+        cfg!(target_arch = "x86_64") && all.iter().all(|flag| flags.split_whitespace().any(|word| word == *flag))
+    };
     let listed = [(has(["avx512f", "avx512bw"]), "avx512"), (has(["avx2", "fma"]), "avx2"), (true, "portable")];
     assert_eq!(compared, listed.iter().filter(|(is, _)| *is).map(|(_, name)| *name).collect::<Vec<_>>());
+}
+
+#[inline(always)]
+unsafe fn fused<L: Lanes>([a, b, c]: &[Row; 3]) -> Row {
+    let mut row = [0.0; LANES];
+    // SAFETY: rows hold sixteen elements; the caller guarantees the instruction set.
+    unsafe { L::load(a.as_ptr()).mul_add(L::load(b.as_ptr()), L::load(c.as_ptr())).store(row.as_mut_ptr()) };
+    row
+}
+
+dispatch!(fn fuse => fused(rows: &[Row; 3]) -> Row);
+
+#[test]
+fn multiply_add_of_any_operands_rounds_once() {
+    let mut state = 1_u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 32) as u32
+    };
+    let sets: Vec<Simd> = Simd::ALL.into_iter().filter(|s| s.is_available()).collect();
+    let (mut midway, mut subnormal) = (0, 0);
+    for trial in 0..40_000 {
+        let mut operand = |exponents: [u32; 2]| {
+            let bits = next();
+            f32::from_bits((bits & 0x807F_FFFF) | (exponents[0] + next() % exponents[1]) << 23)
+        };
+        let rows: [Row; 3] = match trial % 4 {
+            // Any bits, similar sizes, and sums that are subnormal.
+            0 => [[0, 256]; 3].map(|range| std::array::from_fn(|_| operand(range))),
+            1 => [[110, 34]; 3].map(|range| std::array::from_fn(|_| operand(range))),
+            2 => [[54, 20], [54, 20], [0, 8]].map(|range| std::array::from_fn(|_| operand(range))),
+            // Products of half a unit of the summand's last place, but for 2⁻⁴⁰ of it: the exact
+            // sum is hardly beyond or before the middle between two f32, where f64 puts it.
+            _ => {
+                let is_normal = trial % 8 == 3;
+                let summand: Row = std::array::from_fn(|_| operand(if is_normal { [100, 100] } else { [0, 1] }));
+                let part = 1.0 / 1_048_576.0_f32;
+                let scale = |k: usize| {
+                    let unit = f32::from_bits(summand[k].to_bits() & 0x7F80_0000) / 16_777_216.0;
+                    if is_normal { [1.0, unit] } else { [2.0_f32.powi(-75); 2] }
+                };
+                let factor = std::array::from_fn(|k| ((1.0 + part) * scale(k)[0]).copysign(summand[LANES - 1 - k]));
+                [factor, std::array::from_fn(|k| (1.0 - part) * scale(k)[1]), summand]
+            }
+        };
+        let want: Row = std::array::from_fn(|k| rows[0][k].mul_add(rows[1][k], rows[2][k]));
+        for k in 0..LANES {
+            let sum = f64::from(rows[0][k]) * f64::from(rows[1][k]) + f64::from(rows[2][k]);
+            midway += u32::from(sum.to_bits() & 0x1FFF_FFFF == 0x1000_0000 && want[k].is_normal());
+            subnormal += u32::from(want[k].is_subnormal());
+        }
+        for simd in &sets {
+            let got = fuse(*simd, &rows);
+            for k in 0..LANES {
+                assert!(
+                    got[k].to_bits() == want[k].to_bits() || got[k].is_nan() && want[k].is_nan(),
+                    "{} {:?}: {:e}, not {:e}",
+                    simd.name(),
+                    rows.map(|row| row[k]),
+                    got[k],
+                    want[k]
+                );
+            }
+        }
+    }
+    assert!(midway > 1000 && subnormal > 1000, "{midway} midway, {subnormal} subnormal");
 }
