@@ -2,7 +2,7 @@
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
 	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
-	release-test deny book fresh-machine sync-cost render-parts python python-bench scale zarr-write
+	release-test arm64 deny book fresh-machine sync-cost render-parts python python-bench scale zarr-write
 
 # All targets that test select the same packages. Other selections give dependencies other features,
 # and most crates would be built again. The figures are left out: the crates that draw them take as
@@ -255,8 +255,8 @@ deb-test:
 	@scripts/setup.sh package
 	scripts/deb-test.sh
 
-# Makes a release of the last commit in out/release: the package, a static program in a tarball, the
-# Python wheel, lists of crates, the version's changes and SHA256SUMS.
+# Makes a release of the last commit in out/release: the package, a static program in a tarball,
+# both for arm64 too, the Python wheel, lists of crates, the version's changes and SHA256SUMS.
 release:
 	@scripts/setup.sh release
 	@scripts/setup.sh python
@@ -268,6 +268,12 @@ release-test:
 	@scripts/setup.sh release
 	@scripts/setup.sh python
 	scripts/release-test.sh
+
+# Builds the program for arm64, and tests in an emulated processor that it has the same bits as on
+# x86-64. The emulator's speed says nothing about a processor's.
+arm64: setup
+	@scripts/setup.sh arm64
+	scripts/arm64.sh
 
 # Compares the crates with deny.toml, and with the advisories of RustSec, by cargo-deny. It fails
 # where the advisories cannot be fetched, unless DENY_OPTIONAL=1. `make style` checks the rest.

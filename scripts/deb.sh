@@ -3,6 +3,9 @@
 # packages that `scripts/setup.sh package` installs.
 #
 #   scripts/deb.sh [FOLDER]     out/deb by default
+#   scripts/deb.sh FOLDER ARCHITECTURE PROGRAM
+#
+# The latter packages a static program for another of Debian's architectures.
 #
 # dpkg's own tools make it: dpkg-shlibdeps finds the packages that the program needs,
 # dpkg-gencontrol and dpkg-deb do the rest. Manual pages, completions, licences and udev rules are
@@ -19,7 +22,7 @@ export SOURCE_DATE_EPOCH
 
 version=$(dpkg-parsechangelog --file packaging/debian/changelog --show-field Version)
 machine=$(rustc -vV | sed -n 's/^host: //p')
-architecture=$(dpkg --print-architecture)
+architecture=${2:-$(dpkg --print-architecture)}
 program_version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"$/\1/p' Cargo.toml)
 [ "$program_version" = "${version%-*}" ] || {
     echo "deb: packaging/debian/changelog says $version and Cargo.toml $program_version; write an entry for this version" >&2
@@ -31,14 +34,17 @@ mkdir -p "$folder"
 place=$(mktemp -d "$folder/making.XXXXXX")
 trap 'rm -rf "$place"' EXIT
 stage=$place/stage
+program=${3:-$built}
+[ -z "${3:-}" ] || machine=$(dpkg-architecture -a "$architecture" -q DEB_HOST_GNU_CPU)-unknown-linux-musl
+tools=$(dpkg-architecture -a "$architecture" -q DEB_HOST_GNU_TYPE)
 "${built%/*}/sonoweave-packaging" "$place/made" "$machine"
 
 put() { install -D -m "${3:-644}" "$1" "$stage/$2"; }
 # Compresses without name and time, which would differ from build to build.
 pack() { gzip -9nc "$1" >"$place/packed" && put "$place/packed" "$2.gz"; }
 
-put "$built" usr/bin/sonoweave 755
-strip --strip-unneeded --remove-section=.comment --remove-section=.note "$stage/usr/bin/sonoweave"
+put "$program" usr/bin/sonoweave 755
+"$tools-strip" --strip-unneeded --remove-section=.comment --remove-section=.note "$stage/usr/bin/sonoweave"
 "$built" man --all -o "$place/made/man"
 for page in "$place"/made/man/*; do pack "$page" "usr/share/man/man${page##*.}/${page##*/}"; done
 for shell in bash zsh fish; do "$built" completions $shell -o "$place/made/$shell"; done
@@ -86,7 +92,8 @@ for script in postinst prerm postrm; do install -m 755 "packaging/debian/$script
 (cd "$stage" && find . -path ./DEBIAN -prune -o -type f -printf '%P\0' | LC_ALL=C sort -z | xargs -0 md5sum >"$control/md5sums")
 (
     cd "$place"
-    dpkg-shlibdeps -Tsubstvars stage/usr/bin/sonoweave
+    export DEB_HOST_ARCH=$architecture
+    if [ "$program" = "$built" ]; then dpkg-shlibdeps -Tsubstvars stage/usr/bin/sonoweave; else echo shlibs:Depends= >substvars; fi
     dpkg-gencontrol -psonoweave -Pstage -Tsubstvars -fdebian/files
 )
 package=$folder/sonoweave_${version}_$architecture.deb

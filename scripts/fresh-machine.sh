@@ -112,6 +112,8 @@ run_as() {
             shift 3
             mount -t proc proc "$root/proc"
             mount --rbind /dev "$root/dev"
+            # Slurm asks for the control groups there.
+            mount --rbind /sys "$root/sys"
             set -- env -i HOME="$home" "$@"
             if [ "$name" = user ]; then
                 exec chroot --userspec=maker:maker "$root" "$@"

@@ -25,7 +25,7 @@ other=${SONOWEAVE_OTHER_DEBIAN:-trixie}
 place=${SONOWEAVE_RELEASE_TEST:-$PWD/target/release-test}
 mkdir -p "$place"
 place=$(cd "$place" && pwd)
-clean() { remove_machines "$place" "a clone" bookworm "$other" empty here wheel; }
+clean() { remove_machines "$place" "a clone" bookworm "$other" empty here wheel arm64; }
 trap clean EXIT
 trap 'exit 1' INT TERM
 clean
@@ -39,7 +39,7 @@ diff -r out/release "$place/a clone/out/release" || fail "the same commit gave o
 say "the same bytes: $(cd out/release && ls | wc -l) files"
 
 mkdir "$place/empty"
-tar -C "$place/empty" --strip-components=1 -xf out/release/*.tar.gz
+tar -C "$place/empty" --strip-components=1 -xf "out/release/"*"-$(uname -m)-"*.tar.gz
 program=$place/empty/sonoweave
 for word in "$PWD" "$HOME" "$place"; do
     ! grep -qaF -- "$word" "$program" || fail "the program contains the path $word"
@@ -98,8 +98,17 @@ grep -qF "$(sha256sum <"$place/empty/tmp/sweep.mha" | cut -d' ' -f1)" "$place/bo
 
 say "== the package's program has the same bits"
 mkdir "$place/here"
-dpkg-deb --extract out/release/*.deb "$place/here"
+dpkg-deb --extract "out/release/"*"_$(dpkg --print-architecture).deb" "$place/here"
 "$place/here/usr/bin/sonoweave" phantom -o "$place/here/sweep.igs.mha" --scene blobs --seed 1
 "$place/here/usr/bin/sonoweave" reconstruct "$place/here/sweep.igs.mha" -o "$place/here/sweep.mha"
 grep -qF "$(sha256sum <"$place/here/sweep.mha" | cut -d' ' -f1)" "$place/bookworm/said" || fail "the results differ"
+say "== the programs for arm64, in an emulator, have the same bits"
+mkdir "$place/arm64"
+tar -C "$place/arm64" --strip-components=1 -xf out/release/*-aarch64-*.tar.gz
+dpkg-deb --extract out/release/*_arm64.deb "$place/arm64"
+for program in "$place/arm64/sonoweave" "$place/arm64/usr/bin/sonoweave"; do
+    qemu-aarch64 "$program" phantom -o "$place/arm64/sweep.igs.mha" --scene blobs --seed 1
+    qemu-aarch64 "$program" reconstruct "$place/arm64/sweep.igs.mha" -o "$place/arm64/sweep.mha"
+    grep -qF "$(sha256sum <"$place/arm64/sweep.mha" | cut -d' ' -f1)" "$place/bookworm/said" || fail "the results differ"
+done
 say "passed"

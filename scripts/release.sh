@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Makes a release of the last commit: the Debian package, a static program with its pages in a
-# tarball, the Python wheel, both lists of crates (CycloneDX), the version's changes, and
-# SHA256SUMS. The files contain no names of folders and no times of the build;
-# scripts/release-test.sh compares two releases. Needs the packages that `scripts/setup.sh release`
-# and `scripts/setup.sh python` install, and maturin from Python's packages.
+# Makes a release of the last commit: the Debian package, and a static program with its pages in a
+# tarball. On x86-64 it makes both for arm64, too. Further files are the Python wheel, lists of
+# crates (CycloneDX), the version's changes, and SHA256SUMS. The files contain no names of folders
+# and no times of the build; scripts/release-test.sh compares two releases. Needs the packages that
+# `scripts/setup.sh release` and `scripts/setup.sh python` install, and maturin from Python's
+# packages.
 #
 #   scripts/release.sh [FOLDER]     out/release by default; it is made anew
 #
@@ -43,7 +44,6 @@ unset RUSTFLAGS
 CARGO_ENCODED_RUSTFLAGS=$(printf -- '--remap-path-prefix=%s=/sonoweave\037--remap-path-prefix=%s=/cargo' "$PWD" "${CARGO_HOME:-$HOME/.cargo}")
 export CARGO_ENCODED_RUSTFLAGS
 here=$(rustc -vV | sed -n 's/^host: //p')
-static=${here%-unknown-linux-*}-unknown-linux-musl
 # All programs for this machine are one selection of packages, and so one build.
 shared="--target $here -p sonoweave -p sonoweave-packaging"
 
@@ -57,25 +57,43 @@ SONOWEAVE_RELEASE=$shared scripts/deb.sh "$place/deb"
 mv "$place"/deb/*.deb "$folder/"
 tools=$(SONOWEAVE_RELEASE=$shared scripts/build.sh)
 
-say "the static program"
-program=$(SONOWEAVE_RELEASE="--target $static -p sonoweave" scripts/build.sh)
-name=sonoweave-$version-$static
-stage=$place/$name
-"${tools%/*}/sonoweave-packaging" "$place/made" "$static"
-install -D -m 755 "$program" "$stage/sonoweave"
-"$program" devices --udev >"$place/rules"
-install -D -m 644 "$place/rules" "$stage/70-sonoweave.rules"
-"$program" man --all -o "$stage/man"
-mkdir -p "$stage/completions"
-for shell in bash zsh fish; do "$program" completions $shell -o "$stage/completions/sonoweave.$shell"; done
-scripts/sample.sh "$program" "$stage/sample"
-mkdir -p "$stage/docs"
-cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
-cp -r packaging/fleet "$stage/docs/examples/fleet"
-cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
-chmod -R u=rwX,go=rX "$stage"
-tar --sort=name --format=gnu --mtime="@$SOURCE_DATE_EPOCH" --owner=0 --group=0 --numeric-owner \
-    -C "$place" -cf - "$name" | gzip -9n >"$folder/$name.tar.gz"
+# list TARGET: the list of a program's crates, and licences.txt among what is made for it.
+list() {
+    "${tools%/*}/sonoweave-packaging" "$place/made" "$1"
+    cp "$place/made/sbom.cdx.json" "$folder/sonoweave-$version-$1.cdx.json"
+}
+# pack TARGET PROGRAM: a tarball of a static program. This machine's makes the pages.
+pack() {
+    local name=sonoweave-$version-$1 stage
+    stage=$place/$name
+    list "$1"
+    install -D -m 755 "$2" "$stage/sonoweave"
+    "$tools" devices --udev >"$place/rules"
+    install -D -m 644 "$place/rules" "$stage/70-sonoweave.rules"
+    "$tools" man --all -o "$stage/man"
+    mkdir -p "$stage/completions"
+    for shell in bash zsh fish; do "$tools" completions $shell -o "$stage/completions/sonoweave.$shell"; done
+    scripts/sample.sh "$tools" "$stage/sample"
+    mkdir -p "$stage/docs"
+    cp -r docs/*.md docs/*.png docs/*.svg docs/examples docs/phantom "$stage/docs/"
+    cp -r packaging/fleet "$stage/docs/examples/fleet"
+    cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE SECURITY.md CITATION.cff "$place/made/licences.txt" "$stage/"
+    chmod -R u=rwX,go=rX "$stage"
+    tar --sort=name --format=gnu --mtime="@$SOURCE_DATE_EPOCH" --owner=0 --group=0 --numeric-owner \
+        -C "$place" -cf - "$name" | gzip -9n >"$folder/$name.tar.gz"
+}
+for machine in "${here%%-*}" aarch64; do
+    target=$machine-unknown-linux-musl
+    [ ! -e "$folder/sonoweave-$version-$target.tar.gz" ] || continue
+    say "the static program for $machine"
+    program=$(SONOWEAVE_RELEASE="--target $target -p sonoweave" scripts/build.sh)
+    pack "$target" "$program"
+    if [ "$machine" != "${here%%-*}" ]; then
+        say "the Debian package for $machine"
+        SONOWEAVE_RELEASE=$shared scripts/deb.sh "$place/deb" arm64 "$program"
+        mv "$place"/deb/*.deb "$folder/"
+    fi
+done
 
 say "the Python wheel"
 wheel=$(realpath "$place")/wheel
@@ -84,9 +102,7 @@ python3 -m venv "$wheel"
 (cd python && "$wheel/bin/maturin" build --release --locked --target "$here" --interpreter python3 --out "$wheel" --quiet)
 mv "$wheel"/*.whl "$folder/"
 
-cp "$place/made/sbom.cdx.json" "$folder/$name.cdx.json"
-"${tools%/*}/sonoweave-packaging" "$place/made" "$here"
-cp "$place/made/sbom.cdx.json" "$folder/sonoweave-$version-$here.cdx.json"
+list "$here"
 printf '%s\n' "$changes" | sed -e '/./,$!d' >"$folder/sonoweave-$version-changes.md"
 chmod 644 "$folder"/*.*
 (cd "$folder" && sha256sum -- *.deb *.tar.gz *.whl *.json *.md >SHA256SUMS && chmod 644 SHA256SUMS)

@@ -2,10 +2,12 @@
 # Installs the Debian packages that building and testing need and the machine lacks. Rust must be
 # there (https://rustup.rs).
 #
-#   scripts/setup.sh [package|release|interop|console|python]
+#   scripts/setup.sh [package|release|arm64|interop|console|python]
 #
 # package: the tools that make a Debian package.
-# release: those, the C compiler for static programs, and Rust's library for them, by rustup.
+# release: those, those of arm64, the C compiler for static programs, and Rust's library for them,
+#   by rustup.
+# arm64: the compiler for arm64, Rust's library for its static programs, and an emulator.
 # interop: Python environments, a verifier and an archive for DICOM, OpenIGTLink's reference
 #   library, and Prometheus. Debian starts the services of archive and Prometheus on systems with
 #   systemd; `systemctl disable --now orthanc prometheus` ends them.
@@ -25,14 +27,25 @@ need() { [ -e "$2" ] || missing="$missing $1"; }
 command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
 case ${1:-} in package | release) need dpkg-dev /usr/bin/dpkg-shlibdeps ;; esac
-if [ "${1:-}" = release ]; then
-    need musl-tools /usr/bin/musl-gcc
-    static=$(rustc -vV | sed -n 's/^host: \(.*\)-gnu$/\1-musl/p')
-    [ -d "$(rustc --print target-libdir --target "$static")" ] || rustup target add "$static" || {
-        echo "setup: Rust's library for $static is needed and could not be installed; see \`rustup target add\`" >&2
+# library TARGET: Rust's library for it.
+library() {
+    [ -d "$(rustc --print target-libdir --target "$1")" ] || rustup target add "$1" || {
+        echo "setup: Rust's library for $1 is needed and could not be installed; see \`rustup target add\`" >&2
         exit 1
     }
+}
+if [ "${1:-}" = release ]; then
+    need musl-tools /usr/bin/musl-gcc
+    library "$(rustc -vV | sed -n 's/^host: \(.*\)-gnu$/\1-musl/p')"
 fi
+case ${1:-} in
+release | arm64)
+    need gcc-aarch64-linux-gnu /usr/bin/aarch64-linux-gnu-gcc
+    need libc6-dev-arm64-cross /usr/aarch64-linux-gnu/include/stdlib.h
+    need qemu-user /usr/bin/qemu-aarch64
+    library aarch64-unknown-linux-musl
+    ;;
+esac
 # Debian's Python lacks the module that makes environments.
 case ${1:-} in interop | python) python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv" ;; esac
 [ "${1:-}" != python ] || need slurm-client /usr/bin/sbatch

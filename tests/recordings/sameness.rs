@@ -3,7 +3,9 @@
 //! `sameness.txt` lists the hashes of the voxels, the weights and the decoded picture of each scan.
 //! With `SONOWEAVE_SAMENESS=all`, as in CI, every scan is run with 1 and 2 threads and every
 //! instruction set that the machine has; else with 1 thread and the widest set, and with 2 threads
-//! and the narrowest. The recorded sessions in `sessions/` were written by the program of November
+//! and the narrowest. `SONOWEAVE_SAMENESS_OF` is a command, such as an emulator and a program for
+//! other processors, that runs all scans in place of this machine's program; see
+//! `scripts/arm64.sh`. The recorded sessions in `sessions/` were written by the program of November
 //! 2026 and must replay for ever.
 //!
 //! A change that is meant to change results renews the list:
@@ -22,6 +24,8 @@ use reconstruct::Simd;
 use crate::Test;
 use crate::reconstruct::{CALIBRATION, RESULTS_XML, SPINE, SPINE_XML, bytes};
 
+/// Variable with the command that is tested in place of this machine's program.
+const OF: &str = "SONOWEAVE_SAMENESS_OF";
 /// Names and hashes, a scan a line.
 const LIST: &str = "tests/recordings/sameness.txt";
 
@@ -77,6 +81,10 @@ fn check(name: &str, once: &str, commands: &str) -> Result<(), Failed> {
 
 /// Numbers of threads and instruction sets.
 fn settings() -> Vec<(&'static str, &'static str)> {
+    // Another processor's sets are not known here.
+    if std::env::var_os(OF).is_some() {
+        return vec![("2", "auto")];
+    }
     // The widest first; the last is portable.
     let sets: Vec<&str> = Simd::ALL.into_iter().filter(|simd| simd.is_available()).map(Simd::name).collect();
     if std::env::var_os("SONOWEAVE_SAMENESS").is_some_and(|which| which == "all") {
@@ -88,10 +96,11 @@ fn settings() -> Vec<(&'static str, &'static str)> {
 /// Runs lines of words through the program. Affinity limits the threads of commands that have no
 /// flag for them.
 fn run(place: &TempDir, commands: &str, threads: &str, simd: &str) -> Result<(), Failed> {
+    let program = std::env::var(OF).unwrap_or_else(|_| env!("CARGO_BIN_EXE_sonoweave").to_owned());
     for line in commands.lines() {
         let mut command = Command::new("taskset");
         command.args(["--cpu-list", if threads == "1" { "0" } else { "0-1023" }]);
-        command.arg(env!("CARGO_BIN_EXE_sonoweave")).env("SONOWEAVE_SIMD", simd).current_dir(place.path());
+        command.args(program.split(' ')).env("SONOWEAVE_SIMD", simd).current_dir(place.path());
         let words = line.split_whitespace().map(|word| match word {
             "THREADS" => threads,
             "SIMD" => simd,

@@ -84,7 +84,8 @@ fn of_groups(facts: &Facts) -> Vec<Finding> {
 fn of_processor(facts: &Facts) -> Finding {
     let sets: Vec<&str> = facts.sets.iter().map(|set| set.name()).collect();
     let found = format!("{} threads; {}", facts.cores, sets.join(", "));
-    if !facts.sets.iter().any(|set| *set != Simd::Portable) {
+    let has_vectors = cfg!(target_arch = "aarch64") || facts.sets.iter().any(|set| *set != Simd::Portable);
+    if !has_vectors {
         return warning("processor", found, "use a processor with AVX2 and FMA: it is several times as fast");
     }
     if facts.cores < 2 {
