@@ -52,6 +52,10 @@ fn sessions(compoundings: [&str; 2]) -> [[Value; 2]; 2] {
 #[test]
 fn arm_takes_planar_path_by_itself_for_mean_and_decay() {
     let both = sessions(["mean", "decay"]);
+    for [live, _] in &both {
+        let faults = &live["page_faults"];
+        assert!(["insertion", "rendering"].iter().all(|stage| faults[stage].is_u64()), "{live}");
+    }
     for statistics in both.iter().flatten() {
         assert_eq!(statistics["path"], "planar", "{statistics}");
         assert_eq!(statistics["path_reason"], "all poses are perpendicular to one plane, to 0.000 voxel");

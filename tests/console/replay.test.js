@@ -75,14 +75,17 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   const scrub = page.getByRole("slider", { name: "Recorded frame" });
   const frames = now.desk.replayed.frames;
   assert.equal(Number(await scrub.getAttribute("max")), frames);
-  await scrub.fill("10");
-  await page.locator("#scrub-says", { hasText: `frame 10 of ${frames}` }).waitFor();
-  await shown(page, 10);
-  const early = await greys(page, "slice");
-  await scrub.fill("100");
-  await page.locator("#scrub-says", { hasText: `frame 100 of ${frames}` }).waitFor();
-  await shown(page, 100);
-  assert.ok(difference(await greys(page, "slice"), early) >= 1, "another picture");
+  const frame = async (number) => {
+    await scrub.fill(`${number}`);
+    await page.locator("#scrub-says", { hasText: `frame ${number} of ${frames}` }).waitFor();
+    await shown(page, number);
+    return greys(page, "slice");
+  };
+  const early = await frame(10);
+  // The probe goes to and fro: one of them alone could show the place of frame 10 again.
+  let most = 0;
+  for (const number of [40, 70, 100]) most = Math.max(most, difference(await frame(number), early));
+  assert.ok(most >= 1, "another picture");
   assert.match(await page.locator("#scrub-says").innerText(), /its place is marked/);
   await page.locator("#view-marks .present").waitFor({ state: "attached" });
   await scrub.focus();

@@ -11,7 +11,8 @@ use tempfile::NamedTempFile;
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use formats::session::WriterOptions;
 use pipeline::session::{
-    DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, Source, ViewClient, run,
+    DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, SessionStatus, Source,
+    ViewClient, run,
 };
 use render::RenderSettings;
 use render::classify::transfer::Transfer;
@@ -158,11 +159,14 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
     assert_eq!(live.slices().last(), Some(&inserted), "{:?}", live.slices());
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
-        let (_, decisions) = again(&disk, WAIT, pace, false, |session, _| {
+        let (replayed, decisions) = again(&disk, WAIT, pace, false, |session, _| {
             session.view_client = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
             session.settings.threads = threads;
         });
         assert_eq!(decisions.differences().first, None);
+        // Slices leave the box, and the renderer keeps what it has read.
+        let SessionStatus { picture_renderers, picture_boxes_widened, .. } = replayed.status;
+        assert!(picture_renderers == 1 && picture_boxes_widened > 0, "{picture_boxes_widened}");
         album
     };
     let each = run(1, 1, Pace::Unpaced);

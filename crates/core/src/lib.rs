@@ -9,7 +9,8 @@
 //!   [`region`]: the rectangle and fan of the image that are data. [`rotation`]: turns with equal
 //!   bits on every machine.
 //! - [`refusal`], [`ledger`]: the outcome of every frame, and the reasons.
-//! - [`keys`]: TOML files read key by key, for every file of ours.
+//! - [`keys`]: TOML files read key by key, for every file of ours. [`page_faults`]: how often
+//!   threads wait for fresh memory.
 //! - [`error`]: the error of all devices.
 //!
 //! The modules have no error in common, because their callers handle every case. A
@@ -25,6 +26,7 @@ pub mod health;
 pub mod keys;
 pub mod ledger;
 pub mod named;
+pub mod page_faults;
 pub mod pool;
 pub mod reading;
 pub mod refusal;

@@ -202,11 +202,13 @@ impl Camera {
     }
 
     /// Returns the ray of a pixel.
+    #[inline(always)]
     pub fn ray(&self, i: u32, j: u32) -> Ray {
         self.ray_through([f64::from(i), f64::from(j)])
     }
 
     /// Returns the ray through a picture position in pixels; whole numbers are pixel centres.
+    #[inline(always)]
     pub fn ray_through(&self, [i, j]: [f64; 2]) -> Ray {
         if !self.perspective {
             return Ray { base: self.origin + self.right * i + self.down * j, step: self.forward * self.step_mm };

@@ -7,13 +7,16 @@ use simd::sharing::Sharing;
 
 use super::camera::Camera;
 use super::classify::shade::Shader;
+use super::rays::cast::Casting;
 use super::rays::composite::{Accumulated, Fold};
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
+use super::refine::refinement::Refinement;
 use super::refine::sparse::Sparse;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
-use super::voxels::{Sampler, Voxels};
+use super::stock::stocked;
+use super::voxels::Voxels;
 use super::work::RenderWork;
 
 /// One channel for grey light, three for coloured light.
@@ -40,8 +43,10 @@ pub(super) struct Layers<const C: usize> {
     /// Number of the first row in the picture.
     pub(super) first_row: u32,
     pub(super) rows: Vec<Row<C>>,
-    /// The picture, if it does not have one ray a pixel.
+    /// The picture, if rays are adaptive.
     pub(super) sparse: Option<Sparse<C>>,
+    /// Remaining work for a new view.
+    pub(super) refinement: Option<Refinement<C>>,
 }
 
 impl Image {
@@ -51,47 +56,67 @@ impl Image {
 }
 
 impl<const C: usize> Layers<C> {
-    pub(super) fn new(camera: &Camera, region: &RenderRegion, settings: &RenderSettings) -> Self {
-        Self::of_rows(camera, region, settings, 0..camera.size()[1])
+    pub(super) fn new(camera: &Camera, region: &RenderRegion, settings: &RenderSettings, fold: Fold) -> Self {
+        Self::of_rows(camera, region, settings, fold, 0..camera.size()[1])
     }
 
-    pub(super) fn of_rows(camera: &Camera, region: &RenderRegion, settings: &RenderSettings, rows: Range<u32>) -> Self {
+    pub(super) fn of_rows(
+        camera: &Camera,
+        region: &RenderRegion,
+        settings: &RenderSettings,
+        fold: Fold,
+        rows: Range<u32>,
+    ) -> Self {
         let first_row = rows.start;
-        let rows = rows.map(|j| Row::new(camera, region, j)).collect();
-        Self { voxels: Voxels::new(region, settings), first_row, rows, sparse: None }
+        let rows = rows.map(|j| Row::new(camera, region, (fold, settings.simd), j)).collect();
+        let voxels = Voxels::new(camera, region, settings, fold, stocked(region));
+        Self { voxels, first_row, rows, sparse: None, refinement: None }
     }
 
-    /// Casts again the rays that some changes can have reached.
+    /// Casts again the rays that some changes can have reached, in the rows that have been cast for
+    /// this view.
     pub(super) fn cast(
         &mut self,
         marks: &Marks,
         shader: &Shader<f32>,
-        fold: Fold,
-        simd: Simd,
-        sharing: Sharing,
+        (fold, simd, sharing): (Fold, Simd, Sharing),
     ) -> RenderWork {
-        let sampler = Sampler::new(&self.voxels, shader);
-        sharing.chunks(&mut self.rows, 1, |j, rows| {
-            for row in rows {
-                row.work = RenderWork::default();
+        let Self { voxels, rows, refinement, .. } = self;
+        let casting = Casting::new(voxels, shader, (fold, simd, sharing));
+        let is_ready = |j: usize| refinement.as_ref().is_none_or(|refinement| refinement.ready[j]);
+        sharing.chunks(rows, 1, |j, rows| {
+            let row = &mut rows[0];
+            row.work = RenderWork::default();
+            if is_ready(j) {
                 let [first, end] = row.mark(j as u32, marks, simd);
-                (first..end).for_each(|at| row.cast(at, sampler, fold, simd));
+                let tiles = casting.visible.of_row(j);
+                (first..end).for_each(|at| row.cast(at, tiles, casting));
             }
         });
         let mut work = RenderWork::default();
-        self.rows.iter().for_each(|row| work += row.work);
+        rows.iter().for_each(|row| work += row.work);
         work
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        self.rows.iter().map(Row::bytes).sum::<u64>() + self.sparse.as_ref().map_or(0, Sparse::bytes)
+        let of_rows = self.rows.iter().map(Row::bytes).sum::<u64>();
+        let of_refinement = self.refinement.as_ref().map_or(0, Refinement::bytes);
+        of_rows + of_refinement + self.voxels.visible.bytes() + self.sparse.as_ref().map_or(0, Sparse::bytes)
     }
 
     /// Returns the picture, row by row.
     pub(super) fn pixels(&self, of: impl Fn(&Accumulated<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
-        match &self.sparse {
-            Some(sparse) => sparse.regions.seen.iter().map(of).collect(),
-            None => self.rows.iter().flat_map(|row| row.pixels.iter().map(&of)).collect(),
+        if let Some(sparse) = &self.sparse {
+            return sparse.regions.seen.iter().map(of).collect();
+        }
+        (0..self.rows.len()).flat_map(|j| self.row(j)).map(of).collect()
+    }
+
+    /// Returns a row of the picture, if there is one ray a pixel.
+    fn row(&self, j: usize) -> &[Accumulated<C>] {
+        match &self.refinement {
+            Some(refinement) if !refinement.ready[j] => refinement.coarse_row(j),
+            _ => &self.rows[j].pixels,
         }
     }
 }

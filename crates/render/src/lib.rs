@@ -42,6 +42,7 @@ pub mod section;
 pub mod settings;
 mod shaded;
 mod snapshot;
+mod stock;
 mod view;
 mod voxels;
 pub mod work;

@@ -1,5 +1,5 @@
-//! The render region: a box on the volume's lattice. It is fixed as long as a picture is kept,
-//! however the volume grows inside it.
+//! The render region: a box on the volume's lattice. The volume grows inside it; a renderer takes
+//! a wider one by [`Renderer::widen`](super::Renderer::widen).
 
 use glam::{DAffine3, DVec3};
 
@@ -72,6 +72,27 @@ impl RenderRegion {
     /// Returns the number of bricks along each axis.
     pub fn bricks(&self) -> [u32; 3] {
         self.bricks
+    }
+
+    /// Returns how many bricks another region begins beyond this one. `None` unless this one holds
+    /// it, both are of one lattice, and no brick has voxels that are only in this one: they were
+    /// not read.
+    pub(super) fn place_of(&self, other: &Self) -> Option<[i64; 3]> {
+        let edge = EDGE as i64;
+        let matrix = |of: &Self| of.world_from_region.matrix3.to_cols_array().map(f64::to_bits);
+        let aligned = |at: i64| at.rem_euclid(edge) == 0;
+        let holds = |a: usize| {
+            let [low, high] = [[self.low[a], other.low[a]], [self.high[a], other.high[a]]];
+            (low[0] == low[1] || low[0] < low[1] && aligned(low[1]))
+                && (high[0] == high[1] || high[0] > high[1] && aligned(high[1] + 1))
+        };
+        let by: [i64; 3] = std::array::from_fn(|a| (other.first[a] - self.first[a]) / edge);
+        // If the lattice is the same, the first voxels lie where they are expected.
+        let at =
+            |by: [i64; 3]| self.world_from_region.transform_point3(DVec3::from_array(by.map(|by| (by * edge) as f64)));
+        let apart = at(by).distance(other.world_from_region.translation);
+        let is_one = matrix(self) == matrix(other) && apart <= 1e-6 * self.spacing_mm().min_element();
+        (is_one && (0..3).all(holds)).then_some(by)
     }
 
     /// Returns whether a brick, by lattice index divided by 8, is one of the region's.

@@ -26,6 +26,7 @@ use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::shaded::Dirty;
 use super::snapshot::{Changed, VoxelSnapshot};
+use super::stock::stocked;
 use super::work::{RenderMemory, RenderWork};
 
 /// Time and work of an update.
@@ -71,6 +72,8 @@ pub struct Renderer {
     work: RenderWork,
     /// Changes that were read but are not drawn yet.
     changed: Vec<Changed>,
+    /// Voxels to be shaded again.
+    due: Vec<Changed>,
     dirty: Vec<Dirty>,
     marks: Marks,
     /// Bricks that changed while the view was hidden; `None` while it is visible.
@@ -106,12 +109,12 @@ impl Renderer {
         let fold = settings.fold(camera.samples())?;
         let pool = settings.pool()?;
         let mut image = match shader.is_grey() {
-            true => Image::Grey(Layers::new(&camera, &region, settings)),
-            false => Image::Colour(Layers::new(&camera, &region, settings)),
+            true => Image::Grey(Layers::new(&camera, &region, settings, fold)),
+            false => Image::Colour(Layers::new(&camera, &region, settings, fold)),
         };
-        let mut cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows, fold));
+        let mut cache_choice = channels!(&image, layers => CacheChoice::choose(settings, &layers.rows));
         let one_level =
-            channels!(&image, layers => layers.rows.iter().map(|row| row.cache_bytes(Cache::OneLevel, fold)).sum());
+            channels!(&image, layers => layers.rows.iter().map(|row| row.cache_bytes(Cache::OneLevel)).sum());
         let (count, note) = choice::choose(settings, &region, one_level)?;
         let mut parts = Parts::default();
         if count > 1 {
@@ -125,7 +128,7 @@ impl Renderer {
             image.keep(cache_choice.cache, fold);
         }
         if settings.adaptive > 0.0 {
-            channels!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive)));
+            channels!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &region, settings.adaptive, true)));
         }
         Ok(Self {
             settings: settings.clone(),
@@ -135,7 +138,7 @@ impl Renderer {
             transfer: settings.transfer.clone(),
             light: settings.light,
             shader,
-            snapshot: VoxelSnapshot::new(&region),
+            snapshot: VoxelSnapshot::new(&region, stocked(&region)),
             fold,
             pool,
             image,
@@ -143,6 +146,7 @@ impl Renderer {
             cache_choice,
             work: RenderWork::default(),
             changed: Vec::new(),
+            due: Vec::new(),
             dirty: Vec::new(),
             missed: None,
             marks,
@@ -175,7 +179,7 @@ impl Renderer {
         let read = self.read_within(pool.as_deref(), volume, bricks);
         let mut updated = self.draw_within(slab);
         updated.shade += read.shade;
-        updated.work.bricks_read = read.work.bricks_read;
+        updated.work += read.work;
         updated
     }
 
@@ -200,11 +204,14 @@ impl Renderer {
             return Updated::default();
         }
         let began = Instant::now();
-        let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
-        Sharing::within(pool, |sharing| match self.parts.is_none() {
+        let bricks_unprepared = Sharing::within(pool, |sharing| match self.parts.is_none() {
             true => self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed),
-            false => self.parts.read(volume, bricks, sharing),
+            false => {
+                self.parts.read(volume, bricks, sharing);
+                0
+            }
         });
+        let work = RenderWork { bricks_read: bricks.len() as u64, bricks_unprepared, ..RenderWork::default() };
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
     }
@@ -229,10 +236,10 @@ impl Renderer {
         let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
             self.dirty.clear();
             let simd = self.settings.simd;
-            let voxels = self.snapshot.dilated(&self.changed);
+            self.snapshot.dilated(&mut self.changed, &mut self.due);
             let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
-            work.voxels_shaded += channels!(&mut self.image, layers => {
-                layers.voxels.update(snapshot, &voxels, shader, simd, sharing, dirty)
+            work += channels!(&mut self.image, layers => {
+                layers.voxels.update(snapshot, &self.due, shader, (simd, sharing), dirty)
             });
             let shade = began.elapsed();
             let first = self.region.first();
@@ -279,10 +286,38 @@ impl Renderer {
         self.draw();
         self.parts.unite(&mut self.snapshot, &mut self.image);
         self.settings.view = view;
+        let work = self.turn(camera, self.light.depends_on_view());
+        Ok(Updated { shade: Duration::ZERO, rays: began.elapsed(), work })
+    }
+
+    /// Widens the render region. All voxels are kept, and the picture is cast again like that of a
+    /// [new view](Self::set_view). Returns `false`, and changes nothing, where only a new renderer
+    /// can: for parts, and if the region does not hold the present one.
+    ///
+    /// # Errors
+    /// [`RenderError`] for settings that are invalid with this region; then nothing changes.
+    pub fn widen(&mut self, region: RenderRegion) -> Result<bool, RenderError> {
+        let camera = Camera::new(&self.settings.view, self.settings.size, self.settings.step, &region)?;
+        let fold = self.settings.fold(camera.samples())?;
+        let is_whole =
+            self.parts.is_none() && self.settings.parts.is_none() && choice::usual(&self.settings, &region) == 1;
+        let Some(by) = region.place_of(&self.region).filter(|_| is_whole) else { return Ok(false) };
+        self.draw();
+        self.snapshot.widen(&region, by, stocked(&region));
+        channels!(&mut self.image, layers => layers.voxels.widen(&region, by, stocked(&region)));
+        (self.region, self.fold) = (region, fold);
+        // Depth is that in the region. The light of the present view may be unfinished.
+        let is_unlit = channels!(&self.image, layers => layers.refinement.as_ref().is_some_and(|of| of.relight));
+        self.turn(camera, is_unlit || self.light.depth_cue().is_some());
+        Ok(true)
+    }
+
+    /// Begins the picture of another camera; `relight` if its light differs.
+    fn turn(&mut self, camera: Camera, relight: bool) -> RenderWork {
         self.camera = camera;
         self.marks = Marks::new(&self.camera, self.mode.reach());
         self.shader = Shader::new(&self.settings, &self.camera, &self.region);
-        let relight = self.mode.voxel_data() == VoxelData::Lit && self.mode.is_lit() && self.light.depends_on_view();
+        let relight = relight && self.mode.voxel_data() == VoxelData::Lit && self.mode.is_lit();
         let epsilon = self.settings.adaptive;
         let visible = self.missed.is_none();
         let pool = self.pool.clone();
@@ -294,7 +329,7 @@ impl Renderer {
             })
         });
         self.work += work;
-        Ok(Updated { shade: Duration::ZERO, rays: began.elapsed(), work })
+        work
     }
 
     /// Continues the refinement of a new view until it is exact or the time is over; at least

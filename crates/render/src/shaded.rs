@@ -5,66 +5,29 @@
 //! neighbours. Each brick therefore also keeps the first voxels of the seven neighbours beyond
 //! it, 9³ in all, so that a sample finds all eight in one place.
 
+mod brick;
+mod neighbours;
+mod relighting;
+mod shading;
+
 use std::ops::Range;
 
+use simd::Simd;
 use simd::sharing::Sharing;
-use simd::wide::{Job, Set, Wide};
-use simd::{LANES, Simd};
-use volume::brick::{EDGE, VOXELS};
+use volume::brick::EDGE;
 
-use super::classify::interval::{Interval, SIDES, Side};
-use super::classify::shade::{Lit, Shader};
-use super::classify::steepness::steepest;
+use super::classify::interval::Interval;
+use super::classify::shade::Shader;
 use super::region::RenderRegion;
-use super::snapshot::{ABSENT, Bits, Brick, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart, begins_in};
-
-/// Voxels along an edge of a brick, including those kept of its neighbours.
-pub(super) const SIDE: usize = EDGE + 1;
-/// Voxels of such a brick.
-pub(super) const CELLS: usize = SIDE * SIDE * SIDE;
+use super::snapshot::{ABSENT, Bits, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart, begins_in};
+use super::stock::Stock;
+use super::work::RenderWork;
+pub(super) use brick::{CELLS, SIDE, ShadedBrick};
+use brick::{cell, voxels_of};
+use shading::{Outcome, Shading, Task};
 
 /// Bricks that one thread task shades.
 const BRICKS_PER_TASK: usize = 4;
-
-/// Colour (premultiplied) and opacity of a step, x fastest. The numbers of a voxel are adjacent
-/// in memory, and so are neighbours along x: a sample is four loads.
-#[derive(Clone)]
-pub(super) struct ShadedBrick<const C: usize> {
-    pub(super) cells: [Lit<f32, C>; CELLS],
-    /// Number of voxels on each [`Side`].
-    sides: [u16; SIDES],
-}
-
-impl<const C: usize> ShadedBrick<C> {
-    fn transparent() -> Box<Self> {
-        let mut sides = [0; SIDES];
-        sides[Side::Clear as usize] = CELLS as u16;
-        Box::new(Self { cells: [Lit { colour: [0.0; C], alpha: 0.0 }; CELLS], sides })
-    }
-
-    /// Returns whether the given voxels of a layer are transparent.
-    fn is_clear(&self, z: usize, voxels: u64) -> bool {
-        voxels_of(z, voxels).all(|voxel| self.cells[cell(voxel)].alpha == 0.0)
-    }
-
-    /// Returns whether a cell holds these bits.
-    #[inline(always)]
-    fn is(&self, cell: usize, lit: &Lit<f32, C>) -> bool {
-        let before = &self.cells[cell];
-        let mut same = before.alpha.to_bits() == lit.alpha.to_bits();
-        for c in 0..C {
-            same &= before.colour[c].to_bits() == lit.colour[c].to_bits();
-        }
-        same
-    }
-
-    #[inline(always)]
-    fn set(&mut self, cell: usize, lit: &Lit<f32, C>, interval: &Interval) {
-        self.sides[interval.side(&self.cells[cell]) as usize] -= 1;
-        self.sides[interval.side(lit) as usize] += 1;
-        self.cells[cell] = *lit;
-    }
-}
 
 /// A box of changed voxels, both ends inclusive, region coordinates: samples within a voxel of
 /// it may have changed.
@@ -81,16 +44,7 @@ pub(super) struct Shaded<const C: usize> {
     /// Slots like the table's, but without the bricks in which every sample is transparent.
     visible: Vec<u32>,
     interval: Interval,
-}
-
-/// A brick with voxels to be shaded, and the outcome.
-struct Task<'a, const C: usize> {
-    changed: &'a Changed,
-    /// Stored brick; `None` while all of it is transparent.
-    brick: Option<&'a mut ShadedBrick<C>>,
-    /// New brick to be stored.
-    fresh: Option<Box<ShadedBrick<C>>>,
-    outcome: Outcome,
+    stock: Stock<ShadedBrick<C>>,
 }
 
 /// A brick with changed voxels.
@@ -104,22 +58,15 @@ struct Done<const C: usize> {
     was_seen: bool,
 }
 
-/// Result of shading a brick's voxels.
-#[derive(Default)]
-struct Outcome {
-    /// Number of voxels shaded.
-    shaded: u64,
-    /// Voxels that have changed.
-    lit: Bits,
-}
-
 impl<const C: usize> Shaded<C> {
     /// Creates an empty set. Bricks whose intensities lie outside of the interval are not
-    /// sampled.
-    pub(super) fn new(region: &RenderRegion, interval: Interval) -> Self {
+    /// sampled. Up to `stocked` bricks are made in advance.
+    pub(super) fn new(region: &RenderRegion, interval: Interval, stocked: usize) -> Self {
         let table = BrickTable::new(region.bricks());
         let visible = table.slots().to_vec();
-        Self { table, bricks: Vec::new(), visible, interval }
+        let stock = Stock::new(ShadedBrick::transparent, stocked);
+        // Room for all: a table that grows is moved to fresh memory.
+        Self { bricks: Vec::with_capacity(table.slots().len()), table, visible, interval, stock }
     }
 
     /// Returns the slots by index of all bricks in which a sample may be anything but
@@ -154,16 +101,17 @@ impl<const C: usize> Shaded<C> {
     }
 
     /// Shades the given voxels again and adds the boxes of changed ones to `dirty`, except where
-    /// samples were and are transparent. Returns the number of shaded voxels.
+    /// samples were and are transparent. Adds the places of bricks that have become visible to
+    /// `appeared`. Returns the number of shaded voxels, and of bricks that were not prepared.
     pub(super) fn update(
         &mut self,
         snapshot: &VoxelSnapshot,
         voxels: &[Changed],
         shader: &Shader<f32>,
-        simd: Simd,
-        sharing: Sharing,
+        (simd, sharing): (Simd, Sharing),
         dirty: &mut Vec<Dirty>,
-    ) -> u64 {
+        appeared: &mut Vec<[i64; 3]>,
+    ) -> RenderWork {
         let mut order: Vec<(usize, &Changed)> =
             voxels.iter().map(|changed| (self.table.get(changed.at).unwrap_or(usize::MAX), changed)).collect();
         order.sort_by_key(|(slot, _)| *slot);
@@ -179,10 +127,10 @@ impl<const C: usize> Shaded<C> {
             })
             .collect();
         drop(bricks);
-        let interval = self.interval;
+        let (interval, stock) = (self.interval, &self.stock);
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
             for task in tasks {
-                task.outcome = simd.wide(Shading { snapshot, shader, interval: &interval, task: &mut *task });
+                task.outcome = simd.wide(Shading { snapshot, shader, interval: &interval, stock, task: &mut *task });
             }
         });
         let mut shaded = 0;
@@ -202,17 +150,20 @@ impl<const C: usize> Shaded<C> {
             }
         }
         for Done { at, lit, .. } in &done {
-            if let Some(index) = self.table.index(*at) {
-                self.update_visibility(index);
+            if let Some(index) = self.table.index(*at)
+                && self.update_visibility(index)
+            {
+                appeared.push(*at);
             }
-            self.copy_to_those_before(*at, lit);
+            self.copy_to_those_before(*at, lit, appeared);
         }
         for Done { at, lit, was_seen, .. } in done {
             if was_seen || self.may_be_seen_about(at) {
                 dirty.extend(surrounding(at, &lit));
             }
         }
-        shaded
+        let bricks_unprepared = self.stock.refill();
+        RenderWork { voxels_shaded: shaded, bricks_unprepared, ..RenderWork::default() }
     }
 
     /// Returns whether any sample that depends on a brick's voxels may be anything but
@@ -228,7 +179,7 @@ impl<const C: usize> Shaded<C> {
 
     /// Copies a brick's voxels to the preceding bricks that also keep them: each takes a face,
     /// an edge or the corner.
-    fn copy_to_those_before(&mut self, at: [i64; 3], voxels: &Bits) {
+    fn copy_to_those_before(&mut self, at: [i64; 3], voxels: &Bits, appeared: &mut Vec<[i64; 3]>) {
         /// Row y = 0 of a layer's bits.
         const FIRST_Y: u64 = 0xFF;
         let Some(own) = self.table.get(at) else { return };
@@ -245,7 +196,7 @@ impl<const C: usize> Shaded<C> {
             let slot = match self.table.slots()[index] {
                 // Transparent voxels need no brick.
                 ABSENT if (0..layers).all(|z| self.bricks[own].is_clear(z, changed(z))) => continue,
-                ABSENT => self.add(index, ShadedBrick::transparent()),
+                ABSENT => self.add(index, self.stock.take()),
                 slot => slot as usize,
             };
             // The two slots differ.
@@ -259,7 +210,9 @@ impl<const C: usize> Shaded<C> {
                     );
                 }
             }
-            self.update_visibility(index);
+            if self.update_visibility(index) {
+                appeared.push(place);
+            }
         }
     }
 
@@ -269,11 +222,25 @@ impl<const C: usize> Shaded<C> {
         self.bricks.len() - 1
     }
 
-    /// Notes whether anything of a brick is visible.
-    fn update_visibility(&mut self, index: usize) {
+    /// Notes whether anything of a brick is visible; returns whether it has become visible.
+    fn update_visibility(&mut self, index: usize) -> bool {
         let slot = self.table.slots()[index];
         let may_show = slot != ABSENT && self.interval.may_show(self.bricks[slot as usize].sides);
-        self.visible[index] = if may_show { slot } else { ABSENT };
+        let before = std::mem::replace(&mut self.visible[index], if may_show { slot } else { ABSENT });
+        may_show && before == ABSENT
+    }
+
+    /// Moves all bricks into a wider region, each by so many bricks.
+    pub(super) fn widen(&mut self, region: &RenderRegion, by: [i64; 3], stocked: usize) {
+        let (wider, index) = self.table.widened(region.bricks(), by);
+        let mut visible = vec![ABSENT; wider.slots().len()];
+        for (at, slot) in self.visible.iter().enumerate().filter(|(_, slot)| **slot != ABSENT) {
+            visible[index(at)] = *slot;
+        }
+        drop(index);
+        self.bricks.reserve(visible.len() - self.bricks.len());
+        self.stock.hold(stocked);
+        (self.table, self.visible) = (wider, visible);
     }
 
     /// Takes over the bricks of another set of the region, within some layers of voxels that it
@@ -292,22 +259,8 @@ impl<const C: usize> Shaded<C> {
 
     pub(super) fn bytes(&self) -> u64 {
         let brick = size_of::<ShadedBrick<C>>() + size_of::<Box<ShadedBrick<C>>>();
-        (2 * size_of_val(self.table.slots()) + self.bricks.len() * brick) as u64
+        (2 * size_of_val(self.table.slots()) + (self.bricks.len() + self.stock.len()) * brick) as u64
     }
-}
-
-/// Returns the cell that begins at a voxel of a brick.
-fn cell([x, y, z]: [usize; 3]) -> usize {
-    (z * SIDE + y) * SIDE + x
-}
-
-/// Returns the voxels of a layer whose bits are set.
-fn voxels_of(z: usize, mut left: u64) -> impl Iterator<Item = [usize; 3]> {
-    std::iter::from_fn(move || {
-        let inside = (left != 0).then(|| left.trailing_zeros() as usize)?;
-        left &= left - 1;
-        Some([inside % EDGE, inside / EDGE, z])
-    })
 }
 
 /// Returns the bounding box of a brick's voxels; `None` if there are none.
@@ -321,182 +274,6 @@ fn surrounding(at: [i64; 3], voxels: &Bits) -> Option<Dirty> {
         [span(columns), [all.trailing_zeros() / 8, 7 - all.leading_zeros().min(63) / 8].map(i64::from), span(layers)];
     let end = |of: usize| std::array::from_fn(|a: usize| at[a] * EDGE as i64 + spans[a][of]);
     (all != 0).then(|| Dirty { low: end(0), high: end(1) })
-}
-
-/// Shades the voxels of a brick that may have changed, and stores those that have.
-struct Shading<'a, 'b, const C: usize> {
-    snapshot: &'a VoxelSnapshot,
-    shader: &'a Shader<f32>,
-    interval: &'a Interval,
-    task: &'a mut Task<'b, C>,
-}
-
-/// Consecutive rows along x that fill the lanes of a vector: two.
-const ROWS: usize = LANES / EDGE;
-/// Missing bricks count as unseen.
-static UNSEEN: Brick = Brick { value: [0.0; VOXELS], weight: [0.0; VOXELS] };
-
-impl<const C: usize> Job for Shading<'_, '_, C> {
-    type Output = Outcome;
-
-    #[inline(always)]
-    fn run<S: Set>(self) -> Outcome {
-        let Self { snapshot, shader, interval, task: Task { changed, brick: kept, fresh, .. } } = self;
-        let mut outcome = Outcome::default();
-        let Some((own, beside)) = snapshot.neighbourhood(changed.at) else { return outcome };
-        let origin = changed.at.map(|b| (b * EDGE as i64) as f32);
-        let mut values = shader.visible();
-        if shader.hides_flat() {
-            values = shader.visible_below(steepest::<S>(own, beside, shader.pitch_mm()));
-        }
-        for (z, layer) in changed.voxels.iter().enumerate() {
-            for y in (0..EDGE).step_by(ROWS) {
-                let due = (layer >> (EDGE * y)) as u16;
-                if due == 0 {
-                    continue;
-                }
-                let place = (z * EDGE + y) * EDGE;
-                let centre = (lanes::<S>(&own.value, place), lanes::<S>(&own.weight, place));
-                let visible = Wide::<S>::bits(Shader::may_show_between(values, centre)) & due;
-                outcome.shaded += u64::from(visible.count_ones());
-                let mut rows = Rows { colour: [[0.0; LANES]; C], alpha: [0.0; LANES] };
-                if visible != 0 {
-                    let around =
-                        [along_x(own, beside, place), along_y(own, beside, place), along_z(own, beside, place)];
-                    let [x, y, z] = [origin[0], origin[1] + y as f32, origin[2] + z as f32];
-                    let at = [
-                        Wide::splat(x) + Wide::load(&OFFSETS[0]),
-                        Wide::splat(y) + Wide::load(&OFFSETS[1]),
-                        Wide::splat(z),
-                    ];
-                    let lit = shader.shade_all::<Wide<S>, C>(centre, around, at);
-                    lit.alpha.store(&mut rows.alpha);
-                    for c in 0..C {
-                        lit.colour[c].store(&mut rows.colour[c]);
-                    }
-                }
-                let into = match (&mut *kept, &mut *fresh) {
-                    (Some(brick), _) => &mut **brick,
-                    (None, Some(brick)) => &mut **brick,
-                    (None, None) if rows.alpha == [0.0; LANES] => continue,
-                    (None, fresh) => &mut **fresh.insert(ShadedBrick::transparent()),
-                };
-                let lit = into.put([y, z], due, &rows, interval);
-                outcome.lit[z] |= u64::from(lit) << (EDGE * y);
-            }
-        }
-        outcome
-    }
-}
-
-/// Places of the lanes along x and y.
-const OFFSETS: [[f32; LANES]; 2] = [
-    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
-    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
-];
-
-/// Shaded voxels of two rows.
-struct Rows<const C: usize> {
-    colour: [[f32; LANES]; C],
-    alpha: [f32; LANES],
-}
-
-impl<const C: usize> ShadedBrick<C> {
-    /// Stores the voxels of two rows whose bits are set, the first row at [y, z]; returns those
-    /// that have changed.
-    #[inline(always)]
-    fn put(&mut self, [y, z]: [usize; 2], due: u16, rows: &Rows<C>, interval: &Interval) -> u16 {
-        let (mut left, mut changed) = (due, 0);
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let mut lit = Lit { colour: [0.0; C], alpha: rows.alpha[lane] };
-            for c in 0..C {
-                lit.colour[c] = rows.colour[c][lane];
-            }
-            let cell = cell([lane % EDGE, y + lane / EDGE, z]);
-            if !self.is(cell, &lit) {
-                self.set(cell, &lit, interval);
-                changed |= 1 << lane;
-            }
-        }
-        changed
-    }
-}
-
-/// Value and weight of the voxels before and behind those of two rows, along an axis.
-type Beside<S> = [(Wide<S>, Wide<S>); 2];
-
-#[inline(always)]
-fn lanes<S: Set>(voxels: &[f32; VOXELS], place: usize) -> Wide<S> {
-    let mut rows = [0.0; LANES];
-    rows.copy_from_slice(&voxels[place..place + LANES]);
-    Wide::load(&rows)
-}
-
-#[inline(always)]
-fn along_x<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
-    let (before, behind) = (beside[0].unwrap_or(&UNSEEN), beside[1].unwrap_or(&UNSEEN));
-    [
-        (shifted_up(&own.value, &before.value, place), shifted_up(&own.weight, &before.weight, place)),
-        (shifted_down(&own.value, &behind.value, place), shifted_down(&own.weight, &behind.weight, place)),
-    ]
-}
-
-/// Returns rows that begin with the last voxel of the brick before.
-#[inline(always)]
-fn shifted_up<S: Set>(own: &[f32; VOXELS], before: &[f32; VOXELS], place: usize) -> Wide<S> {
-    let mut rows = [0.0; LANES];
-    for row in 0..ROWS {
-        let (at, from) = (row * EDGE, place + row * EDGE);
-        rows[at] = before[from + EDGE - 1];
-        rows[at + 1..at + EDGE].copy_from_slice(&own[from..from + EDGE - 1]);
-    }
-    Wide::load(&rows)
-}
-
-/// Returns rows that end with the first voxel of the brick behind.
-#[inline(always)]
-fn shifted_down<S: Set>(own: &[f32; VOXELS], behind: &[f32; VOXELS], place: usize) -> Wide<S> {
-    let mut rows = [0.0; LANES];
-    for row in 0..ROWS {
-        let (at, from) = (row * EDGE, place + row * EDGE);
-        rows[at..at + EDGE - 1].copy_from_slice(&own[from + 1..from + EDGE]);
-        rows[at + EDGE - 1] = behind[from];
-    }
-    Wide::load(&rows)
-}
-
-#[inline(always)]
-fn along_y<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
-    const LAST: usize = EDGE * (EDGE - 1);
-    let y = place / EDGE % EDGE;
-    let (before, behind) = (beside[2].unwrap_or(&UNSEEN), beside[3].unwrap_or(&UNSEEN));
-    // The place of each row's neighbour, and the brick that holds it.
-    let below = if y == 0 { (before, place + LAST) } else { (own, place - EDGE) };
-    let above = if y + ROWS == EDGE { (behind, place + EDGE - LAST) } else { (own, place + 2 * EDGE) };
-    [pair(below, (own, place)), pair((own, place + EDGE), above)]
-}
-
-/// Returns two rows from any two places.
-#[inline(always)]
-fn pair<S: Set>(first: (&Brick, usize), second: (&Brick, usize)) -> (Wide<S>, Wide<S>) {
-    let (mut value, mut weight) = ([0.0; LANES], [0.0; LANES]);
-    value[..EDGE].copy_from_slice(&first.0.value[first.1..first.1 + EDGE]);
-    value[EDGE..].copy_from_slice(&second.0.value[second.1..second.1 + EDGE]);
-    weight[..EDGE].copy_from_slice(&first.0.weight[first.1..first.1 + EDGE]);
-    weight[EDGE..].copy_from_slice(&second.0.weight[second.1..second.1 + EDGE]);
-    (Wide::load(&value), Wide::load(&weight))
-}
-
-#[inline(always)]
-fn along_z<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
-    const LAYER: usize = EDGE * EDGE;
-    let z = place / LAYER;
-    let (before, behind) = (beside[4].unwrap_or(&UNSEEN), beside[5].unwrap_or(&UNSEEN));
-    let (below, from) = if z == 0 { (before, place + LAYER * (EDGE - 1)) } else { (own, place - LAYER) };
-    let (above, to) = if z + 1 == EDGE { (behind, place % LAYER) } else { (own, place + LAYER) };
-    [(lanes(&below.value, from), lanes(&below.weight, from)), (lanes(&above.value, to), lanes(&above.weight, to))]
 }
 
 #[cfg(test)]

@@ -9,11 +9,15 @@ use volume::brick::{BrickIndex, EDGE, VOXELS};
 use volume::{Prism, Values};
 
 use super::region::RenderRegion;
+use super::stock::Stock;
 
 /// Bricks that one thread task reads.
 const BRICKS_PER_TASK: usize = 8;
 /// No brick.
 pub(super) const ABSENT: u32 = u32::MAX;
+
+/// No brick of a list.
+const UNCHANGED: u32 = u32::MAX;
 
 /// A bit for each voxel of a brick: bit y·8 + x of element z.
 pub(super) type Bits = [u64; EDGE];
@@ -128,6 +132,21 @@ impl BrickTable {
         self.size
     }
 
+    /// Returns a larger table, and the indices there of those here: each place moves by so many
+    /// bricks.
+    pub(super) fn widened(&self, size: [u32; 3], by: [i64; 3]) -> (Self, impl Fn(usize) -> usize) {
+        let mut wider = Self::new(size);
+        let [nx, ny, _] = size.map(i64::from);
+        let index = move |index: usize| {
+            let [x, y, z] = self.place(index);
+            (((z + by[2]) * ny + y + by[1]) * nx + x + by[0]) as usize
+        };
+        for (at, slot) in self.slots.iter().enumerate().filter(|(_, slot)| **slot != ABSENT) {
+            wider.slots[index(at)] = *slot;
+        }
+        (wider, index)
+    }
+
     fn bytes(&self) -> u64 {
         (self.slots.len() * size_of::<u32>()) as u64
     }
@@ -152,8 +171,13 @@ pub(super) struct VoxelSnapshot {
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
     bricks: Vec<Box<Brick>>,
-    /// Place of each slot.
-    places: Vec<[i64; 3]>,
+    /// Index in the table of each slot.
+    indices: Vec<u32>,
+    stock: Stock<Brick>,
+    /// Scratch of [`Self::dilated`]: the number of each slot's brick among the changed ones, and
+    /// the places of the bricks that these reach.
+    numbers: Vec<u32>,
+    reached: Vec<u32>,
 }
 
 /// A brick with changed voxels, by its place in the region.
@@ -174,19 +198,25 @@ impl Changed {
 }
 
 impl VoxelSnapshot {
-    pub(super) fn new(region: &RenderRegion) -> Self {
+    /// Creates an empty snapshot. Up to `stocked` bricks are made in advance.
+    pub(super) fn new(region: &RenderRegion, stocked: usize) -> Self {
+        let table = BrickTable::new(region.bricks());
         Self {
             first: region.first(),
             bounds: region.bounds(),
-            table: BrickTable::new(region.bricks()),
-            bricks: Vec::new(),
-            places: Vec::new(),
+            // Room for all: a table that grows is moved to fresh memory.
+            bricks: Vec::with_capacity(table.slots().len()),
+            indices: Vec::with_capacity(table.slots().len()),
+            table,
+            stock: Stock::new(Box::default, stocked),
+            numbers: Vec::new(),
+            reached: Vec::new(),
         }
     }
 
     /// Reads some bricks of the volume, given by lattice index divided by 8. Adds bricks in
     /// which any bit of a value or weight changed to `changed`; ignores those outside of the
-    /// region.
+    /// region. Returns the number of bricks that were not prepared.
     pub(super) fn read(
         &mut self,
         volume: &(impl Values + ?Sized),
@@ -194,7 +224,7 @@ impl VoxelSnapshot {
         simd: Simd,
         sharing: Sharing,
         changed: &mut Vec<Changed>,
-    ) {
+    ) -> u64 {
         let edge = EDGE as i64;
         let mut slots: Vec<(usize, BrickIndex)> = Vec::with_capacity(bricks.len());
         for brick in bricks {
@@ -202,12 +232,13 @@ impl VoxelSnapshot {
             let Some(index) = self.table.index(at) else { continue };
             let slot = self.table.get(at).unwrap_or_else(|| {
                 self.table.set(index, self.bricks.len() as u32);
-                self.bricks.push(Box::default());
-                self.places.push(at);
+                self.bricks.push(self.stock.take());
+                self.indices.push(index as u32);
                 self.bricks.len() - 1
             });
             slots.push((slot, *brick));
         }
+        let unprepared = self.stock.refill();
         slots.sort_unstable();
         slots.dedup();
         let mut tasks = Vec::with_capacity(slots.len());
@@ -229,64 +260,77 @@ impl VoxelSnapshot {
             tasks
                 .iter()
                 .filter(|task| task.voxels.iter().any(|layer| *layer != 0))
-                .map(|task| Changed { at: self.places[task.slot], voxels: task.voxels }),
+                .map(|task| Changed { at: self.table.place(self.indices[task.slot] as usize), voxels: task.voxels }),
         );
+        unprepared
     }
 
-    /// Returns the voxels whose gradient or value can have changed: the changed ones and their
-    /// six neighbours, in bricks that hold anything. Each brick appears once, in the order of
-    /// the table.
-    pub(super) fn dilated(&self, changed: &[Changed]) -> Vec<Changed> {
-        let mut reached: Vec<(usize, Bits)> = Vec::with_capacity(changed.len() * 4);
-        let mut reach = |at: [i64; 3], voxels: Bits| {
-            if let Some(index) = self.table.index(at).filter(|i| self.table.slots()[*i] != ABSENT)
-                && voxels.iter().any(|layer| *layer != 0)
-            {
-                reached.push((index, voxels));
+    /// Writes the voxels whose gradient or value can have changed: the changed ones and their six
+    /// neighbours, in bricks that hold anything. Each brick appears once, in the order of the
+    /// table. One that appears in `changed` several times leaves all of its voxels with the first.
+    pub(super) fn dilated(&mut self, changed: &mut [Changed], dilated: &mut Vec<Changed>) {
+        let Self { table, bricks, numbers, reached, .. } = self;
+        numbers.resize(bricks.len(), UNCHANGED);
+        reached.clear();
+        for number in 0..changed.len() {
+            let at = changed[number].at;
+            let Some(slot) = table.get(at) else { continue };
+            if numbers[slot] != UNCHANGED {
+                let voxels = std::mem::take(&mut changed[number].voxels);
+                join(&mut changed[numbers[slot] as usize].voxels, voxels);
+                continue;
             }
-        };
-        for Changed { at, voxels } in changed {
-            reach(*at, within(voxels));
+            numbers[slot] = number as u32;
+            let around = FACES.iter().map(|face| beside(at, *face)).chain([at]);
+            let held = around.filter_map(|at| table.index(at)).filter(|index| table.slots()[*index] != ABSENT);
+            reached.extend(held.map(|index| index as u32));
+        }
+        reached.sort_unstable();
+        reached.dedup();
+        dilated.clear();
+        for index in reached.iter() {
+            let at = table.place(*index as usize);
+            let changed_at = |at: [i64; 3]| changed.get(numbers[table.get(at)?] as usize);
+            let mut voxels = changed_at(at).map_or([0; EDGE], |changed| within(&changed.voxels));
             for (axis, side) in FACES {
-                let mut beside = *at;
-                beside[axis] += side;
-                reach(beside, across(voxels, axis, side));
-            }
-        }
-        reached.sort_unstable_by_key(|(index, _)| *index);
-        let mut dilated: Vec<Changed> = Vec::with_capacity(reached.len());
-        let mut last = None;
-        for (index, voxels) in reached {
-            match dilated.last_mut() {
-                Some(brick) if last == Some(index) => {
-                    brick.voxels.iter_mut().zip(voxels).for_each(|(layer, more)| *layer |= more);
+                if let Some(changed) = changed_at(beside(at, (axis, -side))) {
+                    join(&mut voxels, across(&changed.voxels, axis, side));
                 }
-                _ => dilated.push(Changed { at: self.table.place(index), voxels }),
             }
-            last = Some(index);
+            if voxels != [0; EDGE] {
+                dilated.push(Changed { at, voxels });
+            }
         }
-        dilated
+        changed.iter().filter_map(|changed| table.get(changed.at)).for_each(|slot| numbers[slot] = UNCHANGED);
     }
 
     /// Returns a brick and its face neighbours, in the order of [`FACES`].
     pub(super) fn neighbourhood(&self, at: [i64; 3]) -> Option<(&Brick, [Option<&Brick>; 6])> {
         let brick = &*self.bricks[self.table.get(at)?];
-        let beside = FACES.map(|(axis, side)| {
-            let mut place = at;
-            place[axis] += side;
-            self.table.get(place).map(|slot| &*self.bricks[slot])
-        });
+        let beside = FACES.map(|face| self.table.get(beside(at, face)).map(|slot| &*self.bricks[slot]));
         Some((brick, beside))
+    }
+
+    /// Moves all bricks into a wider region, each by so many bricks.
+    pub(super) fn widen(&mut self, region: &RenderRegion, by: [i64; 3], stocked: usize) {
+        let (wider, index) = self.table.widened(region.bricks(), by);
+        self.indices.iter_mut().for_each(|at| *at = index(*at as usize) as u32);
+        drop(index);
+        let more = wider.slots.len() - self.bricks.len();
+        self.bricks.reserve(more);
+        self.indices.reserve(more);
+        self.stock.hold(stocked);
+        (self.table, self.first, self.bounds) = (wider, region.first(), region.bounds());
     }
 
     /// Takes over the bricks of another snapshot of the region, within some layers of voxels that
     /// it does not hold itself.
     pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
-        for (at, brick) in other.places.into_iter().zip(other.bricks) {
-            if let Some(index) = self.table.index(at).filter(|_| begins_in(at, layers)) {
-                self.table.set(index, self.bricks.len() as u32);
+        for (index, brick) in other.indices.into_iter().zip(other.bricks) {
+            if begins_in(self.table.place(index as usize), layers) {
+                self.table.set(index as usize, self.bricks.len() as u32);
                 self.bricks.push(brick);
-                self.places.push(at);
+                self.indices.push(index);
             }
         }
     }
@@ -298,12 +342,27 @@ impl VoxelSnapshot {
 
     /// Returns the number of those within some layers of voxels.
     pub(super) fn len_within(&self, layers: &Range<i64>) -> usize {
-        self.places.iter().filter(|at| begins_in(**at, layers)).count()
+        (0..self.bricks.len()).filter(|slot| begins_in(self.place(*slot), layers)).count()
+    }
+
+    fn place(&self, slot: usize) -> [i64; 3] {
+        self.table.place(self.indices[slot] as usize)
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        self.table.bytes() + (self.bricks.len() * (size_of::<Brick>() + size_of::<Box<Brick>>())) as u64
+        let bricks = self.bricks.len() + self.stock.len();
+        self.table.bytes() + (bricks * (size_of::<Brick>() + size_of::<Box<Brick>>())) as u64
     }
+}
+
+fn join(voxels: &mut Bits, more: Bits) {
+    voxels.iter_mut().zip(more).for_each(|(layer, more)| *layer |= more);
+}
+
+/// Returns the place beside another.
+fn beside(mut at: [i64; 3], (axis, side): (usize, i64)) -> [i64; 3] {
+    at[axis] += side;
+    at
 }
 
 /// Returns whether a brick begins within some layers of voxels.

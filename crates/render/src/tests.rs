@@ -107,7 +107,7 @@ fn rays_enter_and_leave_at_geometric_bounds() {
     let step = world.transform_vector3(ray.step);
     assert!((step - DVec3::new(0.0, 0.5, 0.0)).length() < 1e-12, "{step}");
     let low: [i64; 3] = std::array::from_fn(|a| -region.first()[a]);
-    let [from, to] = crate::rays::line::span(&ray, low, low.map(|x| x + 39), [0, camera.samples()]);
+    let [from, to] = crate::rays::line::span(&ray, ray.step.recip(), low, low.map(|x| x + 39), [0, camera.samples()]);
     // A voxel around the box: from −0.5 mm to 20 mm.
     let distance = |k: u32| f64::from(k) * 0.5 + first.y;
     assert!(distance(from) >= -0.52 && distance(from) < 0.0, "{}", distance(from));
@@ -191,6 +191,8 @@ pub(super) fn all_settings() -> Vec<RenderSettings> {
             view: View { zoom: 1.4, aim: Some(DVec3::new(4.0, -3.0, 6.0)), ..view },
             cache: Cache::OneLevel,
             threads: 3,
+            // Not whole tiles.
+            size: [77, 61],
             ..base.clone()
         },
         RenderSettings {
@@ -200,7 +202,13 @@ pub(super) fn all_settings() -> Vec<RenderSettings> {
             ..base.clone()
         },
         RenderSettings { transfer: coloured, step: 0.6, arity: Some(5), simd: simd::Simd::Portable, ..base.clone() },
-        RenderSettings { arity: Some(1), stop: 0.0, view: View { azimuth: 90.0, ..View::default() }, ..base },
+        RenderSettings {
+            arity: Some(1),
+            stop: 0.0,
+            size: [83, 70],
+            view: View { azimuth: 90.0, ..View::default() },
+            ..base
+        },
     ]
 }
 
@@ -285,6 +293,79 @@ fn live_picture_matches_reference_within_grey_level() {
         assert!(most <= f64::from(settings.stop) + 2e-4, "{:?}: {most} {rms}", settings.view);
         assert!(most <= 1.0 / 255.0 && rms < 3e-4, "{most} {rms}");
     }
+}
+
+#[test]
+fn widened_region_keeps_voxels_and_has_the_bits_of_a_new_one() {
+    let depth_cue = Light::default().with_depth_cue(Some(light::DepthCue::new(1.0, 0.4).unwrap()));
+    let mut all = all_settings();
+    all.push(RenderSettings { light: depth_cue, threads: 2, ..all[0].clone() });
+    all.push(RenderSettings { adaptive: 0.02, ..all[1].clone() });
+    all.push(RenderSettings { mode: Mode::Isosurface(120.0), ..all[0].clone() });
+    for settings in all {
+        let (scan, reconstruction, whole) = sweep(40, Motion::Freehand, DMat3::IDENTITY);
+        let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+        let lattice = Transform::from_affine(reconstructor.world_from_lattice().affine());
+        // Whole bricks, each box in the next one.
+        let region = |bricks: i64| RenderRegion::new(lattice, [-8 * bricks; 3], [8 * bricks + 7; 3]).unwrap();
+        let mut renderer = Renderer::new(&settings, region(4)).unwrap();
+        let mut pending: Vec<BrickIndex> = Vec::new();
+        for frame in 0..scan.frames() {
+            pending.extend(reconstructor.insert(&scan.slice(frame)).unwrap().bricks);
+            let view = View { azimuth: 60.0 + f64::from(frame), ..settings.view };
+            match frame {
+                // In the middle of a new view, whose voxels are not lit again yet.
+                19 => drop(renderer.set_view(view).unwrap()),
+                20 | 24 => {
+                    let shaded = renderer.work().voxels_shaded;
+                    assert!(shaded > 0);
+                    let wider = region(i64::from(frame) / 4);
+                    assert!(renderer.widen(wider).unwrap());
+                    assert_eq!((renderer.work().voxels_shaded, *renderer.region()), (shaded, wider));
+                    // Bricks outside of the box before were not read.
+                    pending = reconstructor.volume().bricks().collect();
+                }
+                22 => drop(renderer.refine(std::time::Duration::MAX)),
+                _ => {}
+            }
+            renderer.update(reconstructor.volume(), &std::mem::take(&mut pending));
+        }
+        while !renderer.refine(std::time::Duration::from_millis(5)).finished {}
+        let last = View { azimuth: 79.0, ..settings.view };
+        let mut fresh = Renderer::new(&RenderSettings { view: last, ..settings.clone() }, region(6)).unwrap();
+        let shaded = fresh.update_all(reconstructor.volume()).work.voxels_shaded;
+        assert!(renderer.picture() == fresh.picture(), "{:?} {:?}", settings.mode, settings.view);
+        assert_eq!((renderer.bricks(), renderer.cache()), (fresh.bricks(), fresh.cache()));
+        let seen = fresh.picture().pixels.iter().filter(|p| p[3] < 0.99).count();
+        assert!(shaded > 0 && seen > 50, "{shaded} {seen} {:?} {:?}", settings.mode, settings.view);
+        // A box that does not hold it, that cuts its bricks, or of another lattice.
+        let before = renderer.picture();
+        let other = RenderRegion::new(half_mm(), [-80; 3], [87; 3]).unwrap();
+        for refused in [region(5), RenderRegion::new(lattice, [-49; 3], [53; 3]).unwrap(), other, whole] {
+            assert!(!renderer.widen(refused).unwrap());
+        }
+        let cut = RenderRegion::new(lattice, [-48; 3], [45; 3]).unwrap();
+        assert!(!Renderer::new(&settings, cut).unwrap().widen(region(9)).unwrap());
+        assert!(renderer.picture() == before && renderer.refine(std::time::Duration::ZERO).finished);
+    }
+}
+
+#[test]
+fn slices_find_their_bricks_prepared() {
+    let (scan, reconstruction, region) = sweep(40, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    let settings = RenderSettings { threads: 2, ..RenderSettings::new([64, 48], tissue()) };
+    let mut renderer = Renderer::new(&settings, region).unwrap();
+    let (mut unprepared, mut bricks) = (Vec::new(), Vec::new());
+    for frame in 0..scan.frames() {
+        let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+        unprepared.push(renderer.update(reconstructor.volume(), &touched.bricks).work.bricks_unprepared);
+        bricks.push(renderer.bricks());
+    }
+    assert!(unprepared[0] > 0, "nothing is prepared for a volume that may not grow: {unprepared:?}");
+    assert_eq!(unprepared[10..], [0; 30]);
+    assert!(bricks[39] > 2 * bricks[9], "{bricks:?}");
+    assert_eq!(renderer.work().bricks_unprepared, unprepared.iter().sum::<u64>());
 }
 
 #[test]

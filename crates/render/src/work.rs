@@ -8,6 +8,9 @@ use serde::Serialize;
 pub struct RenderWork {
     /// Bricks read because a slice touched them.
     pub bricks_read: u64,
+    /// Bricks that a thread had to make when it needed them, as none was ready: it waited for fresh
+    /// memory. The first updates find none ready. A picture in parts counts none.
+    pub bricks_unprepared: u64,
     /// Bricks read in which a value or a weight had changed.
     pub bricks_changed: u64,
     /// Voxels classified and lit.
@@ -44,6 +47,7 @@ pub struct RenderWork {
 impl std::ops::AddAssign for RenderWork {
     fn add_assign(&mut self, other: Self) {
         self.bricks_read += other.bricks_read;
+        self.bricks_unprepared += other.bricks_unprepared;
         self.bricks_changed += other.bricks_changed;
         self.voxels_shaded += other.voxels_shaded;
         self.pixels_met += other.pixels_met;

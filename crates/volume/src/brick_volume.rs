@@ -16,8 +16,8 @@ use super::read::Voxels;
 
 /// Bricks along a block's edge.
 const BLOCK: i32 = 8;
-/// Bricks whose memory is reserved together, 16 MiB.
-const CHUNK: usize = 4096;
+/// Bricks whose memory is reserved together, 2 MiB.
+const CHUNK: usize = 512;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
 
@@ -480,9 +480,11 @@ mod tests {
         assert!(volume.bytes() <= 64 * (4096 + 2100 + 64), "{}", volume.bytes());
         // All chunks, used or not: what the process holds.
         let held = |chunks: u64| chunks * CHUNK as u64 * 4096;
-        assert_eq!(volume.growth_bytes() + 64 * 4096, held(1));
-        volume.reserve(CHUNK / 2 + 1).unwrap();
-        assert_eq!(volume.growth_bytes() + 64 * 4096, held(2), "the next chunk is being prepared");
+        assert_eq!(volume.growth_bytes() + 64 * 4096, held(3), "two chunks are being prepared");
+        volume.reserve(CHUNK - 64).unwrap();
+        assert_eq!(volume.growth_bytes() + 64 * 4096, held(3));
+        volume.reserve(CHUNK).unwrap();
+        assert_eq!(volume.growth_bytes() + 64 * 4096, held(5), "two more, as one is left");
     }
 
     #[test]

@@ -404,6 +404,8 @@ fn drawn(item: u64) -> Drawn {
         by_slab: 0,
         in_parts: 0,
         skipped: 0,
+        renderers: 1,
+        widened: 0,
         capture_to_picture: Spread::default(),
         draw: Spread::default(),
         held: Spread::default(),

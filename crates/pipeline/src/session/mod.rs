@@ -40,7 +40,8 @@
 //! - `walk`, `record_only`: a recorded session's samples by themselves, and a session that only
 //!   records.
 //! - `priority`: thread priorities.
-//! - `status`, `timing`, `turns`, `losses`: the status of the stages.
+//! - `status`, `timing`, `turns`, `losses`: the status of the stages. `page_faults`: their waits
+//!   for fresh memory.
 
 mod brick_subset;
 mod capture_thread;
@@ -55,6 +56,7 @@ mod growing;
 mod insertion_thread;
 mod losses;
 mod memory;
+mod page_faults;
 mod paired;
 mod pairing_thread;
 mod plane_viewer;
@@ -87,6 +89,7 @@ pub use digest::ResultDigest;
 pub use ended::EndedSession;
 pub use growing::{GrowingVolume, Inserted};
 pub use memory::MemoryByOwner;
+pub use page_faults::PageFaults;
 pub use paired::PairedFrame;
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 pub use posed_frames::PosedFrames;

@@ -2,8 +2,8 @@
 
 use volume::brick::{BrickIndex, EDGE};
 
-/// A box of voxels that grows in steps. It grows seldom, since each step makes a new renderer.
-/// Its growth depends on the slices alone, so that the picture after a slice does not depend on
+/// A box of voxels that grows in steps. It grows seldom, since each step casts all rays again. Its
+/// growth depends on the slices alone, so that the picture after a slice does not depend on
 /// earlier pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Reach {

@@ -141,6 +141,10 @@ pub struct Drawn {
     pub in_parts: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub skipped: u64,
+    /// Renderers made: for the first slice, for other settings, and after the volume was cleared.
+    pub renderers: u64,
+    /// Times that slices left the box of a renderer, which then took a wider one.
+    pub widened: u64,
     /// Time from the frame's capture to its picture, ms.
     pub capture_to_picture: Spread,
     /// Time from reading the volume to its picture, ms.
@@ -207,7 +211,10 @@ impl RenderState<'_> {
         let stage = RenderRegion::new(first.lattice.world_from_lattice, low, high)?;
         let renderer = Renderer::new(&settings, stage)?;
         match &mut self.drawn {
-            Some(drawn) => drawn.renderer = renderer,
+            Some(drawn) => {
+                drawn.renderer = renderer;
+                drawn.renderers += 1;
+            }
             None => {
                 self.drawn = Some(Drawn {
                     renderer,
@@ -219,6 +226,8 @@ impl RenderState<'_> {
                     by_slab: 0,
                     in_parts: 0,
                     skipped: 0,
+                    renderers: 1,
+                    widened: 0,
                     capture_to_picture: Spread::default(),
                     draw: Spread::default(),
                     held: Spread::default(),
@@ -227,6 +236,25 @@ impl RenderState<'_> {
         }
         (self.first, self.reach, self.is_unread) = (Some(*first), Some(reach), true);
         Ok(())
+    }
+
+    /// Gives a wider box to the renderer, which keeps what it has read and casts its rays again;
+    /// returns whether it could.
+    ///
+    /// # Errors
+    /// Those of the box and the renderer.
+    fn widen(&mut self, first: &FirstSlice, reach: Reach) -> Result<bool, Box<dyn std::error::Error + Send + Sync>> {
+        // After a clearing, the next slice defines another box.
+        let Some(drawn) = self.drawn.as_mut().filter(|_| self.reach.is_some()) else { return Ok(false) };
+        let [low, high] = reach.voxels();
+        if !drawn.renderer.widen(RenderRegion::new(first.lattice.world_from_lattice, low, high)?)? {
+            return Ok(false);
+        }
+        drawn.widened += 1;
+        // The picture after a slice depends on no earlier one: it is not coarse.
+        drawn.refining &= !drawn.renderer.refine(Duration::MAX).finished;
+        self.reach = Some(reach);
+        Ok(true)
     }
 
     /// Handles a cleared volume; returns whether there is a picture to be replaced by an empty
@@ -392,8 +420,12 @@ pub(super) fn run(
             // Insertion continues meanwhile; if it leaves this box too, the next one is half as
             // large again.
             drop(volume);
+            let is_same = rendering.changes == changes;
             rendering.changes = changes;
-            background.run(|| rendering.begin(&first, reach, is_last))?;
+            background.run(|| match is_same && rendering.widen(&first, reach)? {
+                true => Ok(()),
+                false => rendering.begin(&first, reach, is_last),
+            })?;
             continue;
         }
         let Some(drawn) = &mut rendering.drawn else { continue };
@@ -402,7 +434,7 @@ pub(super) fn run(
         let began = Instant::now();
         let mut volume = catch_up(shared, volume, drawn, &first, rendering.is_unread);
         if volume.pending.reach != rendering.reach {
-            // Insertion has left the box meanwhile.
+            // Insertion has left the box meanwhile, and what it changed outside was not read.
             rendering.is_unread = true;
             continue;
         }

@@ -286,6 +286,7 @@ impl Wiring<'_> {
                 if is_live && policy.watch() {
                     status.granted(policy.granted());
                 }
+                status.count_page_faults();
                 let now = status.snapshot();
                 if is_live {
                     losses.log(&now, Instant::now(), false);

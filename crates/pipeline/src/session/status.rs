@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
 use serde::Serialize;
@@ -20,6 +20,7 @@ use sync::ingest::live::Gives;
 
 use super::device::DeviceRole;
 use super::memory::MemoryByOwner;
+use super::page_faults::{PageFaults, SLICES_BEFORE};
 use super::priority::SchedulingGrant;
 use super::recorder::{Recording, Unwritten};
 use super::render_thread::Drawn;
@@ -103,6 +104,12 @@ pub struct SessionStatus {
     pub pictures_in_parts: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub pictures_skipped: u64,
+    /// Renderers made for the pictures.
+    pub picture_renderers: u64,
+    /// Times that a renderer took a wider box, as slices left its own.
+    pub picture_boxes_widened: u64,
+    /// Page faults of insertion and rendering since the tenth slice; `None` before.
+    pub page_faults: Option<PageFaults>,
     /// Time for which the scanner has repeated one frame while the probe moved, s; `None` if it
     /// does not.
     #[serde(rename = "frozen_s")]
@@ -179,6 +186,8 @@ pub(super) struct StatusCollector {
     frame_bytes: u64,
     /// Memory of the queues' places.
     place_bytes: AtomicU64,
+    /// Page faults when the tenth slice was in the volume.
+    faults_before: OnceLock<PageFaults>,
 }
 
 impl StatusCollector {
@@ -214,6 +223,7 @@ impl StatusCollector {
             recorded: None,
             frame_bytes: 0,
             place_bytes: AtomicU64::new(0),
+            faults_before: OnceLock::new(),
         }
     }
 
@@ -250,6 +260,16 @@ impl StatusCollector {
         let grabbers = self.rows.iter().zip(&status.devices).filter(|(row, _)| row.is_none());
         status.last_frame_s_ago = grabbers.filter_map(|(_, device)| device.last_reading_s_ago).min_by(f64::total_cmp);
         status
+    }
+
+    /// Counts the page faults since the tenth slice.
+    pub(super) fn count_page_faults(&self) {
+        if self.lock().ledger.frames.used >= SLICES_BEFORE {
+            let now = PageFaults::now();
+            let before = *self.faults_before.get_or_init(|| now);
+            let mut status = self.lock();
+            status.page_faults = Some(now.since(before, status.page_faults));
+        }
     }
 
     /// Counts a device's reading that has arrived and waits.
@@ -360,6 +380,7 @@ impl StatusCollector {
         (status.pictures, status.pictures_by_slab) = (drawn.pictures, drawn.by_slab);
         status.pictures_in_parts = drawn.in_parts;
         status.pictures_skipped = drawn.skipped;
+        (status.picture_renderers, status.picture_boxes_widened) = (drawn.renderers, drawn.widened);
         status.capture_to_picture.set_to(&drawn.capture_to_picture);
         status.draw.set_to(&drawn.draw);
         let RenderMemory { voxels, rays } = drawn.renderer.memory();

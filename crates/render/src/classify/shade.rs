@@ -158,8 +158,7 @@ impl<S: Real> Shader<S> {
             return Lit { colour: [T::zero(); C], alpha: T::zero() };
         }
         let (value, _) = centre;
-        let [px, py, pz] = self.pitch_mm;
-        let slope = [gradient(centre, around[0], px), gradient(centre, around[1], py), gradient(centre, around[2], pz)];
+        let slope = self.slope(centre, around);
         let kept = match self.keeps {
             VoxelData::Lit => return self.light(visible, value, slope, at),
             VoxelData::Intensity => [value; C],
@@ -170,6 +169,26 @@ impl<S: Real> Shader<S> {
             *colour = T::select(visible, *colour, T::zero());
         }
         lit
+    }
+
+    /// Returns the gradient of voxels.
+    #[inline(always)]
+    fn slope<T: Number<Scalar = S>>(&self, centre: (T, T), around: [[(T, T); 2]; 3]) -> [T; 3] {
+        let [px, py, pz] = self.pitch_mm;
+        [gradient(centre, around[0], px), gradient(centre, around[1], py), gradient(centre, around[2], pz)]
+    }
+
+    /// Lights voxels again that were lit for another view, given the opacity that they have. The
+    /// result is that of [`Self::shade_all`].
+    #[inline(always)]
+    pub(crate) fn relight<T: Number<Scalar = S>, const C: usize>(
+        &self,
+        alpha: T,
+        centre: (T, T),
+        around: [[(T, T); 2]; 3],
+        at: [T; 3],
+    ) -> Lit<T, C> {
+        self.coloured(alpha, centre.0, self.slope(centre, around), at)
     }
 
     /// Classifies and lights intensities and their gradients at region positions; invisible ones
@@ -192,14 +211,26 @@ impl<S: Real> Shader<S> {
             lit.colour = [lit.alpha; C];
             return lit;
         }
-        lit.colour = match C {
+        self.coloured(lit.alpha, value, slope, at)
+    }
+
+    /// Lights intensities of a known opacity of a step.
+    #[inline(always)]
+    fn coloured<T: Number<Scalar = S>, const C: usize>(
+        &self,
+        alpha: T,
+        value: T,
+        slope: [T; 3],
+        at: [T; 3],
+    ) -> Lit<T, C> {
+        let colour = match C {
             1 => [self.transfer.intensity(value); C],
             _ => {
                 let [r, g, b] = self.transfer.colour(value);
                 first([r, g, b, T::zero()])
             }
         };
-        self.seen(lit, slope, at)
+        self.seen(Lit { colour, alpha }, slope, at)
     }
 
     /// Lights a point of an isosurface, opaque.

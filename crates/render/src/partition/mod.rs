@@ -34,15 +34,17 @@ use super::RenderError;
 use super::camera::Camera;
 use super::classify::shade::Shader;
 use super::layers::{Channels, Image, Layers, channels};
+use super::rays::cast::Casting;
 use super::rays::composite::{Accumulated, Fold};
 use super::rays::line::Line;
 use super::rays::marks::Marks;
 use super::rays::rows::Row;
 use super::rays::slab::ViewRays;
+use super::rays::visible_blocks::blocks_of;
 use super::region::RenderRegion;
 use super::settings::{Cache, RenderSettings};
 use super::snapshot::{Changed, VoxelSnapshot};
-use super::voxels::{Sampler, Voxels};
+use super::voxels::Voxels;
 use super::work::{RenderMemory, RenderWork};
 pub use compositor::Compositor;
 pub use plan::Plan;
@@ -108,9 +110,10 @@ impl Part {
         settings.mode.check()?;
         compositor::check_rows(&rows, settings)?;
         let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
+        let fold = settings.fold(camera.samples())?;
         let image = match settings.mode.is_grey(&settings.transfer) {
-            true => Image::Grey(Layers::of_rows(&camera, region, settings, rows.clone())),
-            false => Image::Colour(Layers::of_rows(&camera, region, settings, rows.clone())),
+            true => Image::Grey(Layers::of_rows(&camera, region, settings, fold, rows.clone())),
+            false => Image::Colour(Layers::of_rows(&camera, region, settings, fold, rows.clone())),
         };
         let made = Self::of(settings, region, &camera, &image, part, parts)?;
         Ok(Self { rows, ..made })
@@ -146,8 +149,8 @@ impl Part {
         low[2] = low[2].max(region.first()[2] + layers.start - reach(down, up));
         high[2] = high[2].min(region.first()[2] + layers.end + reach(up, down));
         let image = match image {
-            Image::Grey(image) => Channels::Grey(PartLayers::new(image, region, settings, fold, &layers)),
-            Image::Colour(image) => Channels::Colour(PartLayers::new(image, region, settings, fold, &layers)),
+            Image::Grey(image) => Channels::Grey(PartLayers::new(image, camera, region, settings, fold, &layers)),
+            Image::Colour(image) => Channels::Colour(PartLayers::new(image, camera, region, settings, fold, &layers)),
         };
         Ok(Self {
             width: settings.size[0],
@@ -156,7 +159,7 @@ impl Part {
             first: region.first(),
             marks: Marks::new(camera, settings.mode.reach()),
             shader,
-            snapshot: VoxelSnapshot::new(region),
+            snapshot: VoxelSnapshot::new(region, 0),
             fold,
             simd: settings.simd,
             layers,
@@ -249,16 +252,16 @@ impl Part {
             channels!(&mut self.image, layers => layers.cast.fill([usize::MAX, 0]));
             return work;
         }
-        let mut dirty = Vec::new();
-        let voxels = self.snapshot.dilated(&self.changed);
+        let (mut dirty, mut due) = (Vec::new(), Vec::new());
+        self.snapshot.dilated(&mut self.changed, &mut due);
         let (snapshot, shader, simd) = (&self.snapshot, &self.shader, self.simd);
         work.voxels_shaded = channels!(&mut self.image, layers => {
-            layers.voxels.update(snapshot, &voxels, shader, simd, sharing, &mut dirty)
+            layers.voxels.update(snapshot, &due, shader, (simd, sharing), &mut dirty).voxels_shaded
         });
         debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(slab))));
         self.marks.set(&dirty, slab.map(|slab| &slab.faces));
         self.changed.clear();
-        work += channels!(&mut self.image, layers => layers.cast(&self.marks, shader, self.fold, simd, sharing));
+        work += channels!(&mut self.image, layers => layers.cast(&self.marks, shader, (self.fold, simd, sharing)));
         work
     }
 }
@@ -280,29 +283,37 @@ impl<const C: usize> PartLayers<C> {
     /// Creates the part of a picture's rows in some layers of voxels.
     fn new(
         image: &Layers<C>,
+        camera: &Camera,
         region: &RenderRegion,
         settings: &RenderSettings,
         fold: Fold,
         layers: &Range<i64>,
     ) -> Self {
         let part = |row: &Row<C>| {
-            let mut part = row.restricted(|line| own_samples(line, fold, layers));
+            let mut part = row.restricted(fold, |line| own_samples(line, fold, layers));
             part.keep(Cache::OneLevel, fold);
             part
         };
         let rows: Vec<Row<C>> = image.rows.iter().map(part).collect();
         let cast = vec![[usize::MAX, 0]; rows.len()];
-        Self { voxels: Voxels::new(region, settings), first_row: image.first_row, rows, cast, sent: Vec::new() }
+        let voxels = Voxels::new(camera, region, settings, fold, 0);
+        Self { voxels, first_row: image.first_row, rows, cast, sent: Vec::new() }
     }
 
-    fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, fold: Fold, simd: Simd, sharing: Sharing) -> RenderWork {
-        let sampler = Sampler::new(&self.voxels, shader);
+    fn cast(
+        &mut self,
+        marks: &Marks,
+        shader: &Shader<f32>,
+        (fold, simd, sharing): (Fold, Simd, Sharing),
+    ) -> RenderWork {
+        let casting = Casting::new(&self.voxels, shader, (fold, simd, sharing));
         let first_row = self.first_row;
         sharing.chunks_beside(&mut self.rows, 1, &mut self.cast, |cast, j, rows| {
             for row in rows {
                 row.work = RenderWork::default();
                 *cast = row.mark(first_row + j as u32, marks, simd);
-                (cast[0]..cast[1]).for_each(|at| row.cast(at, sampler, fold, simd));
+                let tiles = casting.visible.of_row(first_row as usize + j);
+                (cast[0]..cast[1]).for_each(|at| row.cast(at, tiles, casting));
             }
         });
         let mut work = RenderWork::default();
@@ -357,7 +368,7 @@ fn own_samples(line: &Line, fold: Fold, layers: &Range<i64>) -> [u32; 2] {
         return [line.first, line.first];
     }
     // The blocks of a line, by number. Its z only rises or only falls from one to the next.
-    let [first, end] = [line.first / fold.arity, (line.end - 1) / fold.arity + 1];
+    let [first, end] = blocks_of(line, fold);
     let begin = |block: u32| (block * fold.arity).clamp(line.first, line.end);
     let z = |block: u32| line.at(begin(block))[2];
     let until = |is_before: &dyn Fn(f32) -> bool| {

@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+use simd::Simd;
 use volume::brick::{BrickIndex, EDGE};
 
 use super::compositor::{block_bytes, row_bytes};
@@ -80,8 +81,8 @@ impl Plan {
         let fold = settings.fold(camera.samples())?;
         let is_grey = settings.mode.is_grey(&settings.transfer);
         let survey = match is_grey {
-            true => survey::<1>(&camera, region, fold),
-            false => survey::<3>(&camera, region, fold),
+            true => survey::<1>(&camera, region, (fold, settings.simd)),
+            false => survey::<3>(&camera, region, (fold, settings.simd)),
         };
         let [layers, height] = [region.bricks()[2], settings.size[1]];
         let choice = match parts {
@@ -178,12 +179,12 @@ fn shaded(seen: &[Seen], region: &RenderRegion) -> Vec<Seen> {
     kept.map(|(index, rows)| Seen { at: place(index), rows }).collect()
 }
 
-fn survey<const C: usize>(camera: &Camera, region: &RenderRegion, fold: Fold) -> Survey {
+fn survey<const C: usize>(camera: &Camera, region: &RenderRegion, (fold, simd): (Fold, Simd)) -> Survey {
     let compositor = row_bytes::<C>(camera, fold);
     let mut survey = Survey { rows: Vec::new(), z_steps: [0.0; 2] };
     for j in 0..camera.size()[1] {
-        let row = Row::<C>::new(camera, region, j);
-        let kept = row.cache_bytes(Cache::OneLevel, fold);
+        let row = Row::<C>::new(camera, region, (fold, simd), j);
+        let kept = row.cache_bytes(Cache::OneLevel);
         // Once kept, once as sent, once in the message.
         let blocks = kept / size_of::<Accumulated<C>>() as u64;
         survey.rows.push(compositor + row.bytes() + 2 * kept + blocks * block_bytes(C) as u64);

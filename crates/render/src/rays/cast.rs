@@ -8,28 +8,55 @@
 //! Colour is premultiplied and T is transmittance. An opaque sample makes T zero exactly. A
 //! transparent sample changes no bit and can be skipped.
 
-use crate::classify::shade::Lit;
+use simd::Simd;
+use simd::sharing::Sharing;
+
+use crate::classify::shade::{Lit, Shader};
 use crate::rays::composite::{Accumulated, CompositeMode, Fold};
 use crate::rays::line::Line;
 use crate::rays::run::{RUN, Run};
-use crate::voxels::Sampler;
+use crate::rays::visible_blocks::{Blocks, VisibleBlocks};
+use crate::voxels::{Sampler, Voxels};
 use crate::work::RenderWork;
 
+/// Parameters for casting rays.
+#[derive(Clone, Copy)]
+pub(crate) struct Casting<'a, const C: usize> {
+    pub(crate) sampler: Sampler<'a, C>,
+    pub(crate) visible: &'a VisibleBlocks,
+    pub(crate) fold: Fold,
+    pub(crate) simd: Simd,
+    pub(crate) sharing: Sharing,
+}
+
+impl<'a, const C: usize> Casting<'a, C> {
+    pub(crate) fn new(
+        voxels: &'a Voxels<C>,
+        shader: &'a Shader<f32>,
+        (fold, simd, sharing): (Fold, Simd, Sharing),
+    ) -> Self {
+        Self { sampler: Sampler::new(voxels, shader), visible: &voxels.visible, fold, simd, sharing }
+    }
+}
+
 impl<const C: usize> Sampler<'_, C> {
-    /// Composites the samples of a line.
+    /// Composites the samples of a line in its visible blocks; all of them without `visible`.
     #[inline(always)]
-    pub(crate) fn cast(&self, line: &Line, fold: Fold, work: &mut RenderWork) -> Accumulated<C> {
+    pub(crate) fn cast(
+        &self,
+        line: &Line,
+        visible: Option<&[u64]>,
+        fold: Fold,
+        work: &mut RenderWork,
+    ) -> Accumulated<C> {
         let mut all = Accumulated::CLEAR;
-        let mut k = line.first;
-        while k < line.end {
-            let end = fold.block_end(k).min(line.end);
-            let block = self.block(line, [k, end], fold.composite_mode, work);
+        for (_, samples) in Blocks::new(line, fold, visible) {
+            let block = self.block(line, samples, fold.composite_mode, work);
             if let Some(block) = block
                 && all.ends_behind(&block, fold, work)
             {
                 break;
             }
-            k = end;
         }
         all
     }

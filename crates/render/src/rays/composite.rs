@@ -132,10 +132,11 @@ pub(crate) struct Fold {
 }
 
 impl Fold {
-    /// Returns the end of the block that holds a sample.
+    /// Returns the number of the block that holds a sample.
     #[inline(always)]
-    pub(crate) fn block_end(self, k: u32) -> u32 {
-        (k / self.arity + 1).saturating_mul(self.arity)
+    pub(crate) fn block_of(self, k: u32) -> u32 {
+        // The usual numbers of samples are powers of two, and a division takes long.
+        if self.arity.is_power_of_two() { k >> self.arity.trailing_zeros() } else { k / self.arity }
     }
 }
 

@@ -1,5 +1,7 @@
 //! A ray in single precision, and the samples of it that lie in a box.
 
+use glam::DVec3;
+
 use crate::camera::Ray;
 use crate::rays::slab::SLACK;
 
@@ -17,7 +19,13 @@ impl Line {
     /// Returns the part of a ray of `samples` samples that lies within a voxel of the box `low`
     /// to `high`.
     pub(crate) fn new(ray: &Ray, low: [i64; 3], high: [i64; 3], samples: u32) -> Self {
-        let [first, end] = span(ray, low, high, [0, samples]);
+        Self::with(ray, ray.step.recip(), low, high, samples)
+    }
+
+    /// Same as [`Self::new`], given 1 / step, which parallel rays have in common.
+    #[inline(always)]
+    pub(crate) fn with(ray: &Ray, per_step: DVec3, low: [i64; 3], high: [i64; 3], samples: u32) -> Self {
+        let [first, end] = span(ray, per_step, low, high, [0, samples]);
         Self { base: ray.base.as_vec3().to_array(), step: ray.step.as_vec3().to_array(), first, end }
     }
 
@@ -39,9 +47,11 @@ impl Line {
     }
 }
 
-/// Returns the samples in a range of a ray that can lie within a voxel of a box; empty if there
-/// are none. The box is widened by more than the samples' rounding in single precision.
-pub(crate) fn span(ray: &Ray, low: [i64; 3], high: [i64; 3], [first, end]: [u32; 2]) -> [u32; 2] {
+/// Returns the samples in a range of a ray that can lie within a voxel of a box, given 1 / step;
+/// empty if there are none. The box is widened by more than the samples' rounding in single
+/// precision.
+#[inline(always)]
+pub(crate) fn span(ray: &Ray, per_step: DVec3, low: [i64; 3], high: [i64; 3], [first, end]: [u32; 2]) -> [u32; 2] {
     let (mut enter, mut leave) = (f64::from(first), f64::from(end) - 1.0);
     for a in 0..3 {
         let (base, step) = (ray.base[a], ray.step[a]);
@@ -52,7 +62,7 @@ pub(crate) fn span(ray: &Ray, low: [i64; 3], high: [i64; 3], [first, end]: [u32;
             }
             continue;
         }
-        let (one, other) = ((low - base) / step, (high - base) / step);
+        let (one, other) = ((low - base) * per_step[a], (high - base) * per_step[a]);
         enter = enter.max(one.min(other));
         leave = leave.min(one.max(other));
     }

@@ -63,13 +63,10 @@ impl ViewRays {
     /// Returns the first and last pixel to the right and down that a box can reach, inclusive;
     /// `None` if it is not in the picture. Beside the eye of a perspective view a box may be
     /// anywhere.
-    fn pixels(&self, low: DVec3, high: DVec3) -> Option<[[u32; 2]; 2]> {
+    pub(crate) fn pixels(&self, low: DVec3, high: DVec3) -> Option<[[u32; 2]; 2]> {
         let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         if self.perspective.is_some() {
-            for corner in 0..8_usize {
-                let at =
-                    DVec3::from_array(std::array::from_fn(|a| if corner >> a & 1 == 0 { low[a] } else { high[a] }));
-                let seen = self.pixel_from_region * (at - self.origin);
+            for seen in self.corners(low, high) {
                 for a in 0..2 {
                     let [from, to] = match seen.z > 1e-6 {
                         true => [seen[a] / seen.z; 2],
@@ -92,6 +89,41 @@ impl ViewRays {
             (first <= end && last >= 0.0).then(|| [first.max(0.0) as u32, last.min(end) as u32])
         };
         Some([axis(0)?, axis(1)?])
+    }
+
+    /// Returns the first and last place in a box that rays can reach, in samples.
+    pub(crate) fn samples(&self, low: DVec3, high: DVec3) -> [f64; 2] {
+        let Some([pixel, near_mm]) = self.perspective else {
+            let centre = self.pixel_from_region.row(2).dot(0.5 * (low + high) - self.origin);
+            let reach = self.pixel_from_region.row(2).abs().dot(0.5 * (high - low));
+            return [centre - reach, centre + reach];
+        };
+        // The farthest place is a corner. The nearest one is not nearer than its distance along the
+        // axis, times the least length of the rays that see the box.
+        let (mut along, mut farthest) = (f64::INFINITY, 0.0_f64);
+        let mut aside = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for seen in self.corners(low, high) {
+            let offset = [0, 1].map(|a| (self.corner[a] * seen.z + seen[a]) * pixel);
+            along = along.min(seen.z);
+            farthest = farthest.max((seen.z * seen.z + offset[0] * offset[0] + offset[1] * offset[1]).sqrt());
+            for (aside, offset) in aside.iter_mut().zip(offset) {
+                *aside = [aside[0].min(offset / seen.z), aside[1].max(offset / seen.z)];
+            }
+        }
+        if along <= 1e-6 {
+            return [f64::NEG_INFINITY, (farthest - near_mm) / self.step_mm];
+        }
+        let [x, y] = aside.map(|[from, to]| from.max(-to).max(0.0));
+        [along * (1.0 + x * x + y * y).sqrt(), farthest].map(|mm| (mm - near_mm) / self.step_mm)
+    }
+
+    /// Returns the corners of a box in a perspective view: offset in pixels from pixel (0, 0) times
+    /// the distance along the axis, and that distance, mm.
+    fn corners(&self, low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> {
+        (0..8_usize).map(move |corner| {
+            let at = DVec3::from_array(std::array::from_fn(|a| if corner >> a & 1 == 0 { low[a] } else { high[a] }));
+            self.pixel_from_region * (at - self.origin)
+        })
     }
 }
 

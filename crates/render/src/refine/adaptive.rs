@@ -13,12 +13,11 @@
 //! therefore bit for bit the one of the finished volume. Regions can also be held at a coarser
 //! depth than they need; the refinement of a new view uses this.
 
-use simd::Simd;
 use simd::sharing::Sharing;
 
-use crate::rays::composite::{Accumulated, Fold};
+use crate::rays::cast::Casting;
+use crate::rays::composite::Accumulated;
 use crate::rays::rows::Row;
-use crate::voxels::Sampler;
 use crate::work::RenderWork;
 
 /// Pixels along an edge of a region, from one corner ray to the next.
@@ -29,15 +28,6 @@ pub(crate) const DEPTHS: usize = 4;
 const SIDE: usize = REGION + 1;
 /// Index of the first cell of each depth; 1, 4 and 16 cells can be split.
 const FIRST_CELL: [usize; DEPTHS - 1] = [0, 1, 5];
-
-/// Parameters for casting rays.
-#[derive(Clone, Copy)]
-pub(crate) struct Casting<'a, const C: usize> {
-    pub(crate) sampler: Sampler<'a, C>,
-    pub(crate) fold: Fold,
-    pub(crate) simd: Simd,
-    pub(crate) sharing: Sharing,
-}
 
 /// One pixel region.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -89,7 +79,7 @@ impl Cell {
 pub(crate) struct Regions<const C: usize> {
     size: [usize; 2],
     count: [usize; 2],
-    /// Largest difference between corners that causes no split; 0 splits all.
+    /// Largest difference between corners that causes no split.
     epsilon: f32,
     regions: Vec<Region>,
     /// The picture.
@@ -204,10 +194,9 @@ impl<const C: usize> Regions<C> {
         while !self.cells.is_empty() {
             let mut at = 0;
             while let Some((region, cell)) = self.cells.get(at).copied() {
-                let small = self.epsilon > 0.0 && small(region);
-                work.regions_small += u64::from(small && cell.depth == 0 && self.may_split(region, cell));
                 // A cell that is split whatever its corners show needs no test of them first.
-                if small || self.epsilon <= 0.0 {
+                if small(region) {
+                    work.regions_small += u64::from(cell.depth == 0 && self.may_split(region, cell));
                     self.split(region, cell);
                 }
                 at += 1;
@@ -275,15 +264,16 @@ impl<const C: usize> Regions<C> {
                 self.due[j * self.words + i / 64] |= 1 << (i % 64);
             }
         }
-        let Casting { sampler, fold, simd, sharing } = casting;
         let mut words: Vec<&mut [u64]> = self.due.chunks_mut(self.words).skip(range.start).take(range.len()).collect();
-        sharing.chunks_beside(&mut rows[range], 1, &mut words, |words, _, rows| {
+        let first = range.start;
+        casting.sharing.chunks_beside(&mut rows[range], 1, &mut words, |words, j, rows| {
+            let tiles = casting.visible.of_row(first + j);
             for (place, word) in words.iter_mut().enumerate() {
                 let mut left = std::mem::take(word);
                 while left != 0 {
                     let at = place * 64 + left.trailing_zeros() as usize;
                     left &= left - 1;
-                    rows[0].cast(at, sampler, fold, simd);
+                    rows[0].cast(at, tiles, casting);
                 }
             }
         });
@@ -300,7 +290,7 @@ impl<const C: usize> Regions<C> {
     /// Returns the ray in the middle of a whole region that may be split. A peak, or an arc
     /// between the corners, shows there first.
     fn middle(&self, region: usize, cell: Cell) -> Option<[usize; 2]> {
-        let tested = cell.depth == 0 && self.regions[region].depths > 1 && self.epsilon > 0.0;
+        let tested = cell.depth == 0 && self.regions[region].depths > 1;
         tested.then(|| self.extent(region).map(|size| size.min(REGION / 2)))
     }
 

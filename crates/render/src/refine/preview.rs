@@ -153,7 +153,7 @@ impl<const C: usize> Fused for PreviewRay<'_, C> {
             camera.samples(),
         );
         let Some(Unlit { snapshot, shaded, shader }) = unlit else {
-            return sampler.cast(&line, fold, &mut RenderWork::default());
+            return sampler.cast(&line, None, fold, &mut RenderWork::default());
         };
         let mut seen = Accumulated::CLEAR;
         // All rays sample at the same numbers.

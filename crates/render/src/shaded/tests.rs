@@ -10,6 +10,7 @@ use super::*;
 use crate::RenderSettings;
 use crate::camera::{Camera, View};
 use crate::classify::light::{DepthCue, Light, Source};
+use crate::classify::shade::Lit;
 use crate::classify::transfer::{Colour, Curve, Opacity, Transfer};
 
 const SIZE: [i64; 3] = [21, 18, 26];
@@ -124,6 +125,39 @@ fn flat_voxels_are_skipped_and_others_keep_bits() {
     }
 }
 
+/// Lights voxels again for another view, and compares them with those shaded for it.
+fn relit_equals_shaded<const C: usize>(
+    shaded: &mut Shaded<C>,
+    snapshot: &VoxelSnapshot,
+    settings: &RenderSettings,
+    region: &RenderRegion,
+    simd: Simd,
+) {
+    let view = View { azimuth: -120.0, elevation: 51.0, ..View::default() };
+    let camera = Camera::new(&view, settings.size, settings.step, region).unwrap();
+    let shader = Shader::<f32>::new(settings, &camera, region);
+    let (places, threads) = (Vec::from_iter(shaded.places()), (simd, Sharing::Alone));
+    let lit = shaded.relight(snapshot, &places, &shader, threads);
+    let mut made = Shaded::<C>::new(region, Interval::ALL, 0);
+    let voxels: Vec<Changed> = places.iter().map(|at| Changed { at: *at, voxels: [u64::MAX; EDGE] }).collect();
+    made.update(snapshot, &voxels, &shader, threads, &mut Vec::new(), &mut Vec::new());
+    let mut seen = 0;
+    for at in places {
+        let (relit, made) = (shaded.filled(at).unwrap(), made.filled(at));
+        for place in 0..CELLS {
+            let of = |brick: &ShadedBrick<C>| {
+                let Lit { colour, alpha } = &brick.cells[place];
+                (colour.map(f32::to_bits), alpha.to_bits())
+            };
+            let expected = made.map_or(([0; C], 0), of);
+            assert_eq!(of(relit), expected, "{} at {at:?}, {place}", simd.name());
+            let is_own = [place % SIDE, place / SIDE % SIDE, place / (SIDE * SIDE)].iter().all(|x| *x < EDGE);
+            seen += u64::from(is_own && expected.1 != 0);
+        }
+    }
+    assert_eq!(lit, seen, "each visible voxel once");
+}
+
 /// Shades the voxels of some volumes one after the other. Returns the numbers of visible, shaded
 /// and given voxels.
 fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2]) -> [usize; 3] {
@@ -133,14 +167,23 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
     let shader = Shader::<f32>::new(settings, &camera, &region);
     let (mut seen, mut shaded_in_all, mut given) = (0, 0, 0);
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_available()) {
-        let (mut snapshot, mut shaded) = (VoxelSnapshot::new(&region), Shaded::<C>::new(&region, Interval::ALL));
+        let (mut snapshot, mut shaded) = (VoxelSnapshot::new(&region, 0), Shaded::<C>::new(&region, Interval::ALL, 0));
         // Earlier content must not matter.
         for volume in &volumes {
-            let (mut changed, mut dirty) = (Vec::new(), Vec::new());
+            let (mut changed, mut dirty, mut appeared) = (Vec::new(), Vec::new(), Vec::new());
+            let before = Vec::from_iter(shaded.places());
             snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), simd, Sharing::Alone, &mut changed);
-            let voxels = snapshot.dilated(&changed);
-            let lit = shaded.update(&snapshot, &voxels, &shader, simd, Sharing::Alone, &mut dirty) as usize;
+            let mut voxels = Vec::new();
+            snapshot.dilated(&mut changed, &mut voxels);
+            let threads = (simd, Sharing::Alone);
+            let work = shaded.update(&snapshot, &voxels, &shader, threads, &mut dirty, &mut appeared);
+            let lit = work.voxels_shaded as usize;
             assert!(lit > 0);
+            appeared.sort_unstable();
+            appeared.dedup();
+            let mut new: Vec<[i64; 3]> = shaded.places().filter(|at| !before.contains(at)).collect();
+            new.sort_unstable();
+            assert!(new.iter().all(|at| appeared.binary_search(at).is_ok()), "each visible brick has appeared");
             shaded_in_all += lit;
             given +=
                 voxels.iter().flat_map(|voxels| voxels.voxels).map(|bits| bits.count_ones() as usize).sum::<usize>();
@@ -149,6 +192,9 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
                 assert!((0..3).all(|a| inside(d.low[a], a) && d.low[a] <= d.high[a] && inside(d.high[a], a)), "{d:?}");
             }
         }
+        relit_equals_shaded(&mut shaded, &snapshot, settings, &region, simd);
+        let places = Vec::from_iter(shaded.places());
+        shaded.relight(&snapshot, &places, &shader, (simd, Sharing::Alone));
         let of = |voxel: [i64; 3]| {
             let at = voxel.map(|x| x.div_euclid(EDGE as i64));
             let place = voxel.iter().rev().fold(0, |place, x| place * EDGE + x.rem_euclid(EDGE as i64) as usize);

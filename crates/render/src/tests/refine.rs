@@ -1,5 +1,6 @@
 use std::time::Duration;
 
+use super::super::layers::{Channels, channels};
 use super::*;
 
 const STEP: Duration = Duration::ZERO;
@@ -75,11 +76,13 @@ fn any_order_of_views_and_slices_gives_same_picture() {
 }
 
 #[test]
-fn refinement_error_falls_with_depth() {
+fn refinement_error_falls_with_each_step_or_depth() {
     let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
     let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
     scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
-    for (settings, view) in all_settings().into_iter().zip([from(0.0, 0.0), from(70.0, 10.0), from(200.0, 45.0)]) {
+    let cases = all_settings().into_iter().zip([from(0.0, 0.0), from(70.0, 10.0), from(200.0, 45.0)]);
+    for ((base, view), adaptive) in cases.flat_map(|case| [(case.clone(), 0.0), (case, 0.002)]) {
+        let settings = RenderSettings { adaptive, ..base };
         let exact = fresh(&settings, view, reconstructor.volume(), region);
         let mut renderer = Renderer::new(&settings, region).unwrap();
         renderer.update_all(reconstructor.volume());
@@ -88,14 +91,14 @@ fn refinement_error_falls_with_depth() {
             changed.coarse_rays > 50 && changed.coarse_rays < 150 && changed.rays == 0 && changed.voxels_shaded == 0
         );
         let rms = |renderer: &Renderer| exact.difference(&renderer.picture())[1];
-        let mut errors = vec![rms(&renderer)];
+        let (mut errors, mut spacing) = (vec![rms(&renderer)], 8);
         let nothing = Picture { pixels: vec![[0.0, 0.0, 0.0, 1.0]; exact.pixels.len()], ..exact.clone() };
         let blind = exact.difference(&nothing)[1];
         assert!(errors[0] < blind, "{errors:?} of {blind}");
-        let mut spacing = 8;
         loop {
             let progress = renderer.refine(STEP);
-            if progress.spacing < spacing || progress.finished {
+            // Adaptive rays have less error once a depth is complete.
+            if adaptive == 0.0 || progress.spacing < spacing || progress.finished {
                 spacing = progress.spacing;
                 errors.push(rms(&renderer));
             }
@@ -109,25 +112,53 @@ fn refinement_error_falls_with_depth() {
 }
 
 #[test]
-fn slice_during_refinement_restarts_only_its_regions() {
-    let (scan, reconstruction, region) = sweep(24, Motion::Parallel, DMat3::IDENTITY);
+fn new_view_skips_empty_space() {
+    let (scan, reconstruction, region) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
     let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
-    let settings = RenderSettings { view: from(90.0, 0.0), ..RenderSettings::new([96, 96], tissue()) };
-    let mut renderer = Renderer::new(&settings, region).unwrap();
-    for frame in 0..23 {
-        let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
-        renderer.update(reconstructor.volume(), &touched.bricks);
+    scan.slices(0..24).iter().for_each(|slice| drop(reconstructor.insert(slice).unwrap()));
+    let transfer = Transfer::preset("phantom", [0.0, 255.0]).unwrap();
+    for perspective in [None, Some(40.0)] {
+        let settings = RenderSettings::new([160, 120], transfer.clone());
+        let mut renderer = Renderer::new(&settings, region).unwrap();
+        renderer.update_all(reconstructor.volume());
+        renderer.set_view(View { perspective, ..from(70.0, 10.0) }).unwrap();
+        let work = renderer.refine(Duration::from_secs(3600)).work;
+        let all: u32 = channels!(renderer.image(), layers => {
+            layers.rows.iter().flat_map(|row| row.lines()).map(|line| line.end - line.first).sum()
+        });
+        assert!(work.samples > 1000, "{work:?}");
+        assert!(5 * (work.samples + work.samples_skipped) < u64::from(all), "{work:?} of {all}");
+        // A turn makes all rays new, and casts each that meets the region once.
+        assert!(work.rays <= 160 * 120 && work.rays > 160 * 120 / 4, "{work:?}");
     }
-    renderer.set_view(from(90.0, 3.0)).unwrap();
-    while renderer.refine(STEP).spacing > 2 {}
-    let before = renderer.picture();
-    let touched = reconstructor.insert(&scan.slice(23)).unwrap();
-    let work = renderer.update(reconstructor.volume(), &touched.bricks).work;
-    assert!(work.rays > 0 && work.regions > 0 && work.regions < 12 * 12 / 2, "{work:?}");
-    let same = before.pixels.iter().zip(&renderer.picture().pixels).filter(|(a, b)| a == b).count();
-    assert!(same > 96 * 96 / 2 && work.pixels_changed as usize <= 96 * 96 - same, "{same}");
-    finish(&mut renderer);
-    assert_eq!(renderer.picture(), fresh(&settings, from(90.0, 3.0), reconstructor.volume(), region));
+}
+
+#[test]
+fn slice_during_refinement_restarts_only_what_it_reaches() {
+    let (scan, reconstruction, region) = sweep(24, Motion::Parallel, DMat3::IDENTITY);
+    for adaptive in [0.0, 0.001] {
+        let mut reconstructor = PathReconstructor::general(reconstruction.clone(), scan.mask().clone()).unwrap();
+        let base = RenderSettings { view: from(90.0, 0.0), ..RenderSettings::new([512, 96], tissue()) };
+        let settings = RenderSettings { adaptive, ..base };
+        let mut renderer = Renderer::new(&settings, region).unwrap();
+        for frame in 0..23 {
+            let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+            renderer.update(reconstructor.volume(), &touched.bricks);
+        }
+        renderer.set_view(from(90.0, 3.0)).unwrap();
+        // Until some rays are cast, but not all.
+        while renderer.refine(STEP).work.rays == 0 || adaptive > 0.0 && renderer.refine(STEP).spacing > 2 {}
+        let before = renderer.picture();
+        let touched = reconstructor.insert(&scan.slice(23)).unwrap();
+        let work = renderer.update(reconstructor.volume(), &touched.bricks).work;
+        assert!(work.rays > 0 && work.rays < 512 * 96 / 2, "{work:?}");
+        assert_eq!((work.regions > 0, work.coarse_rays > 0), (adaptive > 0.0, adaptive == 0.0), "{work:?}");
+        let same = before.pixels.iter().zip(&renderer.picture().pixels).filter(|(a, b)| a == b).count();
+        assert!(same > 512 * 96 / 2, "{same}");
+        assert!(!renderer.refine(STEP).finished || adaptive == 0.0);
+        finish(&mut renderer);
+        assert_eq!(renderer.picture(), fresh(&settings, from(90.0, 3.0), reconstructor.volume(), region));
+    }
 }
 
 #[test]

@@ -201,7 +201,9 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
     // Samples reach one voxel beyond the region's, where it fades.
     let [rays, samples] = meeting(&camera, within(&doll.region, 1.01));
     let [width, height] = doll.view_settings.size.map(u64::from);
-    let tables = TABLE_BYTES * width * height;
+    // Two bits a block say what must be done again, in whole words a ray.
+    let words = u64::from(camera.samples()).div_ceil(arity).div_ceil(u64::from(u64::BITS));
+    let tables = (TABLE_BYTES + 2 * size_of::<u64>() as u64 * words) * width * height;
     // N samples lie in N/p blocks, plus parts of two more if they do not begin and end with one.
     let blocks = [samples / arity, samples / arity + 2 * rays];
     let marks = MARK_BYTES * blocks[1];
