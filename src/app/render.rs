@@ -17,12 +17,12 @@ use std::time::Instant;
 
 use formats::whole::{persist, temporary};
 use image::RgbImage;
-use rayon::ThreadPool;
 use serde::Serialize;
+use simd::team::Team;
 
 use config::view_settings::Mode;
 use render::camera::View;
-use render::settings::pool;
+use render::settings::team;
 use render::{Cache, RenderRegion, RenderSettings};
 use statistics::PictureNumbers;
 
@@ -213,7 +213,7 @@ pub(crate) struct Scene<'a> {
     window: [f32; 2],
     settings: RenderSettings,
     region: RenderRegion,
-    pool: Option<Arc<ThreadPool>>,
+    team: Option<Arc<Team>>,
     memory_bytes: u64,
 }
 
@@ -229,14 +229,14 @@ impl<'a> Scene<'a> {
         threads: usize,
         memory_bytes: u64,
     ) -> Result<Self, Failure> {
-        let pool = pool(threads)?;
-        let window = window.unwrap_or_else(|| volume.range(pool.as_deref()));
+        let team = team(threads)?;
+        let window = window.unwrap_or_else(|| volume.range(team.as_deref()));
         volume.check()?;
         let placed = volume.placed();
         let settings = RenderSettings { cache: Cache::None, ..look.settings(window, placed.slice_axes(), threads)? };
         let [low, high] = placed.bounds();
         let region = RenderRegion::new(placed.world_from_lattice(), low, high)?;
-        Ok(Self { volume, window, settings, region, pool, memory_bytes })
+        Ok(Self { volume, window, settings, region, team, memory_bytes })
     }
 
     fn rays<'b>(&'b self, settings: &'b RenderSettings) -> Rays<'b> {
@@ -244,7 +244,7 @@ impl<'a> Scene<'a> {
             volume: self.volume,
             settings,
             region: self.region,
-            pool: self.pool.as_deref(),
+            team: self.team.as_deref(),
             memory_bytes: self.memory_bytes,
         }
     }

@@ -109,7 +109,7 @@ fn are_the_volume_s(viewer: &Viewer, finished: &Finished) {
     let last: BTreeMap<usize, Seen> = viewer.seen().into_iter().map(|seen| (seen.request.number, seen)).collect();
     assert_eq!(last.len(), 3);
     for (number, Seen { request, extent, sampled, .. }) in last {
-        let (expected, _) = Planar { volume, place: extent.place, pool: None }.sample(&request.section);
+        let (expected, _) = Planar { volume, place: extent.place, team: None }.sample(&request.section);
         let seen = expected.iter().filter(|sampled| sampled.is_seen()).count();
         assert!(seen > 500 && seen < expected.len(), "{number}: {seen} of {}", expected.len());
         assert!(sampled == expected, "{number}: the bits of the volume");

@@ -7,7 +7,7 @@
 //! if a mutant survives, times out, no longer applies to the source or does not compile.
 //!
 //! They need a separate build, so they are run by `make mutants` (`--include-ignored`) and not
-//! by every `cargo test`. `share.rs` describes which of them are tried.
+//! by every `cargo test`, which only looks whether all apply. `share.rs` describes which are tried.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "the choice is told before the trials")]
@@ -17,6 +17,7 @@ mod list;
 mod share;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 
@@ -57,8 +58,22 @@ fn main() -> ExitCode {
         let work = Arc::clone(&work);
         Trial::test(name, move || work.noticed(number)).with_ignored_flag(true)
     };
-    let trials = chosen.into_iter().map(trial).collect();
+    let applied = {
+        let work = Arc::clone(&work);
+        Trial::test("every mutant applies to its source", move || applied(&work.mutants))
+    };
+    let trials = chosen.into_iter().map(trial).chain([applied]).collect();
     libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+/// Puts all mutants into their sources, without a build.
+fn applied(mutants: &[Mutant]) -> Result<(), Failed> {
+    let files: BTreeSet<&str> = mutants.iter().map(|mutant| mutant.file.as_str()).collect();
+    for file in files {
+        let source = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
+        list::switched(file, &source.map_err(|error| format!("{file}: {error}"))?, mutants)?;
+    }
+    Ok(())
 }
 
 impl Work {

@@ -4,8 +4,9 @@ use std::collections::{BTreeSet, HashSet};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use rayon::prelude::*;
 use serde::Serialize;
+use simd::sharing::Sharing;
+use simd::team::Team;
 use volume::brick::{BrickIndex, EDGE, VOXELS};
 use volume::read::SEEN;
 use volume::{PlacedHeader, Values};
@@ -123,9 +124,9 @@ impl LevelValues {
         bricks.chunks(usize::try_from(at_once.saturating_mul(in_chunk)).unwrap_or(usize::MAX))
     }
 
-    /// Reads the chunks that some bricks meet, unless they are in memory: the threads of a pool at
+    /// Reads the chunks that some bricks meet, unless they are in memory: the threads of a team at
     /// once, or the calling thread. The bricks can then be read without waiting for the disk.
-    pub fn load(&self, bricks: &[BrickIndex], pool: Option<&rayon::ThreadPool>) {
+    pub fn load(&self, bricks: &[BrickIndex], team: Option<&Team>) {
         let edge = EDGE as i64;
         let mut wanted = BTreeSet::new();
         for brick in bricks {
@@ -144,19 +145,19 @@ impl LevelValues {
                 }
             }
         }
-        self.read_chunks(&Vec::from_iter(wanted), pool);
+        self.read_chunks(Vec::from_iter(wanted), team);
     }
 
     /// Returns values of black and white: those of the volume, else of the scalar type, else the
     /// smallest and the largest seen, for which all chunks are read.
-    pub fn range(&self, pool: Option<&rayon::ThreadPool>) -> [f32; 2] {
+    pub fn range(&self, team: Option<&Team>) -> [f32; 2] {
         if let Some(range) = self.placed.range() {
             return range;
         }
         let at_once = usize::try_from((self.cache_bytes / 2 / self.chunk_bytes()).max(1)).unwrap_or(usize::MAX);
         let [mut low, mut high] = [f32::INFINITY, f32::NEG_INFINITY];
         for group in self.chunks.chunks(at_once) {
-            self.read_chunks(group, pool);
+            self.read_chunks(group.to_vec(), team);
             for chunk in group.iter().filter_map(|index| self.chunk(*index)) {
                 for (value, _) in chunk.values.iter().zip(&chunk.weights).filter(|(_, weight)| **weight > 0.0) {
                     (low, high) = (low.min(*value), high.max(*value));
@@ -166,12 +167,8 @@ impl LevelValues {
         self.placed.range_of((low <= high).then_some([low, high]))
     }
 
-    fn read_chunks(&self, wanted: &[[u64; 3]], pool: Option<&rayon::ThreadPool>) {
-        let read = |index: &[u64; 3]| drop(self.chunk(*index));
-        match pool {
-            None => wanted.iter().for_each(read),
-            Some(pool) => pool.install(|| wanted.par_iter().for_each(read)),
-        }
+    fn read_chunks(&self, mut wanted: Vec<[u64; 3]>, team: Option<&Team>) {
+        Sharing::of(team).chunks(&mut wanted, 1, |_, index| drop(self.chunk(index[0])));
     }
 
     /// Returns the first error of reading, once.

@@ -75,6 +75,8 @@ unsafe fn pack_lanes<L: Lanes>(data: &[f32], stride: usize, factor: f32, pairs: 
 
 #[cfg(test)]
 mod tests {
+    use simd::team::Team;
+
     use super::*;
 
     #[test]
@@ -93,9 +95,9 @@ mod tests {
             assert_eq!(halves, [nodes.data[i], below], "node {i}");
         }
         let one = nodes.pairs.clone();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let team = Team::new("test", 3).unwrap();
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
-            pool.install(|| nodes.pack(simd, 255.0, Sharing::Pool));
+            nodes.pack(simd, 255.0, Sharing::of(team.as_ref()));
             assert!(nodes.pairs == one, "{}", simd.name());
         }
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use mask::Mask;
 use simd::Simd;
+use simd::team::Team;
 use volume::BrickVolume;
 use volume::brick::BrickBox;
 
@@ -141,16 +142,9 @@ impl Settings {
     }
 
     /// Starts the requested threads; `None` if the caller's is enough.
-    pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, SettingsError> {
-        match self.threads {
-            0 | 1 => Ok(None),
-            n => rayon::ThreadPoolBuilder::new()
-                .num_threads(n)
-                .thread_name(|i| format!("insert-{i}"))
-                .build()
-                .map(|pool| Some(Arc::new(pool)))
-                .map_err(|e| SettingsError::Threads(n, e.to_string())),
-        }
+    pub(super) fn team(&self) -> Result<Option<Arc<Team>>, SettingsError> {
+        let team = Team::new("insert", self.threads);
+        Ok(team.map_err(|e| SettingsError::Threads(self.threads, e.to_string()))?.map(Arc::new))
     }
 
     /// Returns kernels along u, v and the normal for a pixel size, mm.

@@ -65,7 +65,7 @@ pub(super) struct Prepared {
 #[derive(Clone)]
 pub(super) struct Stream {
     pub(super) settings: Settings,
-    mask: Mask,
+    pub(super) mask: Mask,
     pub(super) prepared: Option<Prepared>,
     admission: Admission,
     stamps: StampClock,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use simd::sharing::Sharing;
+use simd::team::Team;
 use volume::brick::BrickIndex;
 use volume::{Prism, Values};
 
@@ -63,7 +64,7 @@ pub struct Renderer {
     shader: Shader<f32>,
     snapshot: VoxelSnapshot,
     fold: Fold,
-    pool: Option<Arc<rayon::ThreadPool>>,
+    team: Option<Arc<Team>>,
     image: Image,
     /// The parts, if the picture is rendered in parts. They then hold the voxels, and the image
     /// only the pixels.
@@ -107,7 +108,7 @@ impl Renderer {
         let shader = Shader::new(settings, &camera, &region);
         let marks = Marks::new(&camera, settings.mode.reach());
         let fold = settings.fold(camera.samples())?;
-        let pool = settings.pool()?;
+        let team = settings.team()?;
         let mut image = match shader.is_grey() {
             true => Image::Grey(Layers::new(&camera, &region, settings, fold)),
             false => Image::Colour(Layers::new(&camera, &region, settings, fold)),
@@ -118,9 +119,7 @@ impl Renderer {
         let (count, note) = choice::choose(settings, &region, one_level)?;
         let mut parts = Parts::default();
         if count > 1 {
-            parts = Sharing::within(pool.as_deref(), |sharing| {
-                Parts::new(settings, &region, (&camera, &image), count, sharing)
-            })?;
+            parts = Parts::new(settings, &region, (&camera, &image), count, Sharing::of(team.as_deref()))?;
             cache_choice.cache = Cache::OneLevel;
             cache_choice.notes = Vec::from_iter(note);
         } else {
@@ -140,7 +139,7 @@ impl Renderer {
             shader,
             snapshot: VoxelSnapshot::new(&region, stocked(&region)),
             fold,
-            pool,
+            team,
             image,
             parts,
             cache_choice,
@@ -175,8 +174,8 @@ impl Renderer {
         bricks: &[BrickIndex],
         slab: Option<&Prism>,
     ) -> Updated {
-        let pool = self.pool.clone();
-        let read = self.read_within(pool.as_deref(), volume, bricks);
+        let team = self.team.clone();
+        let read = self.read_shared(Sharing::of(team.as_deref()), volume, bricks);
         let mut updated = self.draw_within(slab);
         updated.shade += read.shade;
         updated.work += read.work;
@@ -190,27 +189,22 @@ impl Renderer {
     /// The calling thread does this alone, whatever the settings say. A caller that holds the
     /// volume then never waits for a thread that got less processor time.
     pub fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
-        self.read_within(None, volume, bricks)
+        self.read_shared(Sharing::Alone, volume, bricks)
     }
 
-    fn read_within(
-        &mut self,
-        pool: Option<&rayon::ThreadPool>,
-        volume: &(impl Values + ?Sized),
-        bricks: &[BrickIndex],
-    ) -> Updated {
+    fn read_shared(&mut self, sharing: Sharing, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
         if let Some(missed) = &mut self.missed {
             missed.extend(bricks);
             return Updated::default();
         }
         let began = Instant::now();
-        let bricks_unprepared = Sharing::within(pool, |sharing| match self.parts.is_none() {
+        let bricks_unprepared = match self.parts.is_none() {
             true => self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed),
             false => {
                 self.parts.read(volume, bricks, sharing);
                 0
             }
-        });
+        };
         let work = RenderWork { bricks_read: bricks.len() as u64, bricks_unprepared, ..RenderWork::default() };
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
@@ -232,24 +226,21 @@ impl Renderer {
         if self.changed.is_empty() {
             return Updated::default();
         }
-        let pool = self.pool.clone();
-        let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
-            self.dirty.clear();
-            let simd = self.settings.simd;
-            self.snapshot.dilated(&mut self.changed, &mut self.due);
-            let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
-            work += channels!(&mut self.image, layers => {
-                layers.voxels.update(snapshot, &self.due, shader, (simd, sharing), dirty)
-            });
-            let shade = began.elapsed();
-            let first = self.region.first();
-            let slab = slab.map(|slab| slab.shifted(first.map(|x| -x)));
-            debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
-            self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
-            let (context, cache) = (context!(self, sharing), self.cache_choice.cache);
-            work += channels!(&mut self.image, layers => layers.follow(&self.dirty, context, cache));
-            (shade, began.elapsed() - shade)
+        let (simd, sharing) = (self.settings.simd, Sharing::of(self.team.as_deref()));
+        self.dirty.clear();
+        self.snapshot.dilated(&mut self.changed, &mut self.due);
+        let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
+        work += channels!(&mut self.image, layers => {
+            layers.voxels.update(snapshot, &self.due, shader, (simd, sharing), dirty)
         });
+        let shade = began.elapsed();
+        let first = self.region.first();
+        let slab = slab.map(|slab| slab.shifted(first.map(|x| -x)));
+        debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
+        self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
+        let (context, cache) = (context!(self, sharing), self.cache_choice.cache);
+        work += channels!(&mut self.image, layers => layers.follow(&self.dirty, context, cache));
+        let rays = began.elapsed() - shade;
         self.changed.clear();
         self.work += work;
         Updated { shade, rays, work }
@@ -263,10 +254,8 @@ impl Renderer {
             return Updated::default();
         }
         let slab = slab.map(|slab| slab.shifted(self.region.first().map(|x| -x)));
-        let pool = self.pool.clone();
-        let work = Sharing::within(pool.as_deref(), |sharing| {
-            self.parts.draw(slab.as_ref(), &mut self.image, self.fold, sharing)
-        });
+        let sharing = Sharing::of(self.team.as_deref());
+        let work = self.parts.draw(slab.as_ref(), &mut self.image, self.fold, sharing);
         self.work += work;
         Updated { shade: Duration::ZERO, rays: began.elapsed(), work }
     }
@@ -320,13 +309,11 @@ impl Renderer {
         let relight = relight && self.mode.voxel_data() == VoxelData::Lit && self.mode.is_lit();
         let epsilon = self.settings.adaptive;
         let visible = self.missed.is_none();
-        let pool = self.pool.clone();
-        let work = Sharing::within(pool.as_deref(), |sharing| {
-            let context = context!(self, sharing);
-            channels!(&mut self.image, layers => {
-                layers.turn(context, epsilon, relight);
-                if visible { layers.begin(context) } else { RenderWork::default() }
-            })
+        let sharing = Sharing::of(self.team.as_deref());
+        let context = context!(self, sharing);
+        let work = channels!(&mut self.image, layers => {
+            layers.turn(context, epsilon, relight);
+            if visible { layers.begin(context) } else { RenderWork::default() }
         });
         self.work += work;
         work
@@ -339,21 +326,19 @@ impl Renderer {
         let began = Instant::now();
         self.draw();
         let mut work = RenderWork::default();
-        let pool = self.pool.clone();
-        let spacing = Sharing::within(pool.as_deref(), |sharing| {
-            let context = context!(self, sharing);
-            let cache_choice = &mut self.cache_choice;
-            let visible = self.missed.is_none();
-            channels!(&mut self.image, layers => loop {
-                let spacing = layers.spacing();
-                if spacing.is_none() || !visible {
-                    break spacing;
-                }
-                work += layers.step(context, cache_choice);
-                if began.elapsed() >= time {
-                    break layers.spacing();
-                }
-            })
+        let sharing = Sharing::of(self.team.as_deref());
+        let context = context!(self, sharing);
+        let cache_choice = &mut self.cache_choice;
+        let visible = self.missed.is_none();
+        let spacing = channels!(&mut self.image, layers => loop {
+            let spacing = layers.spacing();
+            if spacing.is_none() || !visible {
+                break spacing;
+            }
+            work += layers.step(context, cache_choice);
+            if began.elapsed() >= time {
+                break layers.spacing();
+            }
         });
         self.work += work;
         Progress { finished: spacing.is_none(), spacing: spacing.unwrap_or(1), work }

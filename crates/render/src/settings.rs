@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use simd::Simd;
+use simd::team::Team;
 
 use super::RenderError;
 use super::camera::View;
@@ -127,25 +128,18 @@ impl RenderSettings {
         Ok(Fold { arity, composite_mode: self.mode.composite_mode(&self.transfer), stop: self.stop })
     }
 
-    pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {
-        pool(self.threads)
+    pub(super) fn team(&self) -> Result<Option<Arc<Team>>, RenderError> {
+        team(self.threads)
     }
 }
 
-/// Returns a pool of `threads` threads; `None` for one: the calling thread then works alone.
+/// Returns a team of `threads` threads; `None` for one: the calling thread then works alone.
 ///
 /// # Errors
 /// [`RenderError::Threads`].
-pub fn pool(threads: usize) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {
-    match threads {
-        0 | 1 => Ok(None),
-        n => rayon::ThreadPoolBuilder::new()
-            .num_threads(n)
-            .thread_name(|i| format!("render-{i}"))
-            .build()
-            .map(|pool| Some(Arc::new(pool)))
-            .map_err(|e| RenderError::Threads { threads: n, why: e.to_string() }),
-    }
+pub fn team(threads: usize) -> Result<Option<Arc<Team>>, RenderError> {
+    let team = Team::new("render", threads).map_err(|e| RenderError::Threads { threads, why: e.to_string() })?;
+    Ok(team.map(Arc::new))
 }
 
 /// Returns the samples of a block for rays of `samples` samples: the power of two nearest to

@@ -15,6 +15,7 @@ pub mod avx512;
 mod lanes;
 pub mod portable;
 pub mod sharing;
+pub mod team;
 pub mod wide;
 
 pub use lanes::{LANES, Lanes};

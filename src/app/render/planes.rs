@@ -8,7 +8,7 @@ use export::picture::write_rgb;
 use export::sections::Wash;
 use image::RgbImage;
 use render::section::{self, Box3, PlanarWork};
-use render::settings::pool;
+use render::settings::team;
 
 use super::look::Look;
 use super::planar::SheetNumbers;
@@ -95,9 +95,9 @@ pub(super) fn draw(
     let placed = volume.placed();
     let place = Box3::new(placed.world_from_lattice(), placed.bounds());
     let sheet = look.planar.sheet(&place, look.view.image_size)?;
-    let pool = pool(threads)?;
-    let window = window.unwrap_or_else(|| volume.range(pool.as_deref()));
-    let planes = section::Planar { volume: volume.values(), place, pool: pool.as_deref() };
+    let team = team(threads)?;
+    let window = window.unwrap_or_else(|| volume.range(team.as_deref()));
+    let planes = section::Planar { volume: volume.values(), place, team: team.as_deref() };
     let mut work = PlanarWork::default();
     let mut sampled = Vec::new();
     for panel in &sheet.panels {

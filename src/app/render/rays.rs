@@ -4,10 +4,10 @@
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use rayon::ThreadPool;
 use render::camera::Camera;
 use render::partition::Message;
 use render::{Compositor, Part, Picture, Plan, RenderMemory, RenderRegion, RenderSettings, RenderWork, Renderer};
+use simd::team::Team;
 use statistics::{PartNumbers, PictureNumbers};
 use volume::Values as _;
 use volume::brick::BrickIndex;
@@ -21,7 +21,7 @@ pub(super) struct Rays<'a> {
     pub(super) volume: &'a RenderVolume,
     pub(super) settings: &'a RenderSettings,
     pub(super) region: RenderRegion,
-    pub(super) pool: Option<&'a ThreadPool>,
+    pub(super) team: Option<&'a Team>,
     /// Limit of memory, of which chunks take a quarter, voxels a half, and rays the rest.
     pub(super) memory_bytes: u64,
 }
@@ -67,7 +67,7 @@ impl Rays<'_> {
                 let region = renderer.region();
                 let seen: Vec<BrickIndex> = bricks.iter().copied().filter(|brick| region.holds(*brick)).collect();
                 for group in level.values.groups(&seen) {
-                    level.values.load(group, self.pool);
+                    level.values.load(group, self.team);
                     renderer.read(&level.values, group);
                 }
                 let read = began.elapsed();
@@ -191,13 +191,13 @@ impl Rays<'_> {
         let part = Part::of_rows(self.settings, &self.region, (number, parts), rows)?;
         let mut part = if is_folded { part.folded() } else { part };
         for group in level.values.groups(&part.needed(bricks)) {
-            level.values.load(group, self.pool);
-            part.read_on(self.pool, &level.values, group);
+            level.values.load(group, self.team);
+            part.read_on(self.team, &level.values, group);
         }
         let read_ms = milliseconds(began);
         self.volume.check()?;
         let began = Instant::now();
-        let message = part.draw_on(self.pool);
+        let message = part.draw_on(self.team);
         let draw_ms = milliseconds(began);
         Ok(RenderedPart { message, memory: part.memory(), bricks: part.bricks(), read_ms, draw_ms })
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use ome_zarr::{ChunkWork, LevelValues, OmeZarr};
-use rayon::ThreadPool;
+use simd::team::Team;
 use volume::{DenseVolume, PlacedHeader, Values};
 
 use crate::app::input::hash;
@@ -90,10 +90,10 @@ impl RenderVolume {
     }
 
     /// Returns values of black and white; for those of a level on the disk, all of it may be read.
-    pub(crate) fn range(&self, pool: Option<&ThreadPool>) -> [f32; 2] {
+    pub(crate) fn range(&self, team: Option<&Team>) -> [f32; 2] {
         match self {
             Self::Dense(dense) => dense.range(),
-            Self::Level(level) => level.values.range(pool),
+            Self::Level(level) => level.values.range(team),
         }
     }
 

@@ -11,7 +11,8 @@ use export::sections::{Sheet, SheetPanel};
 use pipeline::{InsertedSlice, Outcome};
 use reconstruct::PathReconstructor;
 use render::section::{Box3, NearestSlices, NearestWork, Planar, PlanarWork, Sampled};
-use render::settings::pool;
+use render::settings::team;
+use simd::team::Team;
 use statistics::Milliseconds;
 use volume::lattice::{Shifted, canonical};
 
@@ -53,7 +54,7 @@ struct FirstSlice {
     /// Reach of a slice across its plane, mm.
     reach_mm: f64,
     nearest: Vec<NearestSlices>,
-    pool: Option<Arc<rayon::ThreadPool>>,
+    team: Option<Arc<Team>>,
 }
 
 /// Statistics of pictures of planes.
@@ -111,7 +112,7 @@ impl Planes {
             window: self.window.unwrap_or_else(|| inserted.pixels.grey_levels()),
             reach_mm: kernels[2].support_mm,
             nearest,
-            pool: pool(self.threads)?,
+            team: team(self.threads)?,
         })
     }
 
@@ -179,7 +180,7 @@ impl FirstSlice {
             return (self.nearest.iter().map(NearestSlices::sampled).collect(), work);
         }
         let volume = Shifted::new(reconstructor.volume(), self.offset);
-        let planar = Planar { volume: &volume, place: self.place, pool: self.pool.as_deref() };
+        let planar = Planar { volume: &volume, place: self.place, team: self.team.as_deref() };
         let sample = |panel: &SheetPanel| {
             let (pixels, done) = planar.sample(&panel.section);
             work += done;

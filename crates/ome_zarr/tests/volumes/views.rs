@@ -9,6 +9,7 @@ use formats::image::write::VolumeWriter;
 use glam::{DMat3, DVec3};
 use ome_zarr::{LevelValues, Meta, OmeZarr, Scalar};
 use rayon::prelude::*;
+use simd::team::Team;
 use sonoweave_core::reading::PixelType;
 use volume::dense::UNSEEN_FIELD;
 use volume::{DenseVolume, Values};
@@ -110,18 +111,18 @@ fn loaded_chunks_are_read_once_by_any_threads() {
     let path = folder.path().join("a.ome.zarr");
     Scene::new(meta([-16, 16, 16], [53, 41, 34], Scalar::F32), 22).write(&path);
     let volume = OmeZarr::open(&path).unwrap();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
-    for pool in [None, Some(&pool)] {
+    let team = Team::new("test", 4).unwrap();
+    for team in [None, team.as_ref()] {
         let level = LevelValues::new(&volume, 0, 1 << 20).unwrap();
         let bricks: Vec<_> = level.bricks().collect();
         let before = level.work();
-        assert_eq!((before.chunks_read, level.range(pool)), (0, [0.0, 255.0]), "the range is known");
+        assert_eq!((before.chunks_read, level.range(team)), (0, [0.0, 255.0]), "the range is known");
         assert_eq!(level.groups(&bricks).map(<[_]>::len).sum::<usize>(), bricks.len());
         let (first, rest) = bricks.split_at(bricks.len() / 2);
-        level.load(first, pool);
+        level.load(first, team);
         let half = level.work();
         assert!((1..half.chunks).contains(&half.chunks_read), "{half:?}");
-        level.load(rest, pool);
+        level.load(rest, team);
         let loaded = level.work();
         assert_eq!(loaded.chunks_read, loaded.chunks, "{loaded:?}");
         assert!(loaded.bytes_read > half.bytes_read && half.bytes_read > before.bytes_read);

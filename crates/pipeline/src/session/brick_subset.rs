@@ -206,19 +206,19 @@ mod tests {
             all.iter().for_each(|brick| subset.put(*brick, BrickCopy::of(&volume, *brick)));
             subset.keep(&[sheet]);
             assert!(subset.len() < all.len() / 2, "{} of {}", subset.len(), all.len());
-            let (whole, _) = Planar { volume: &volume, place, pool: None }.sample(&section);
-            let (cut, _) = Planar { volume: &subset, place, pool: None }.sample(&section);
+            let (whole, _) = Planar { volume: &volume, place, team: None }.sample(&section);
+            let (cut, _) = Planar { volume: &subset, place, team: None }.sample(&section);
             assert!(whole == cut && whole.iter().any(Sampled::is_seen), "{normal}");
             // Without its middle brick, the image differs.
             let at = place.lattice_from_world().transform_point3(plane.point).round().to_array().map(|x| x as i64);
             let middle = brick_of(at).unwrap();
             assert!(subset.has(middle));
             subset.remove(middle);
-            let (mut without, _) = Planar { volume: &subset, place, pool: None }.sample(&section);
+            let (mut without, _) = Planar { volume: &subset, place, team: None }.sample(&section);
             assert!(without != whole);
             // Sampling that brick's pixels again restores it.
             subset.put(middle, BrickCopy::of(&volume, middle));
-            let planar = Planar { volume: &subset, place, pool: None };
+            let planar = Planar { volume: &subset, place, team: None };
             let pixels = sheet.pixels(middle).unwrap();
             assert!(planar.sample_again(&section, pixels, &mut without) && without == whole);
             assert!(!planar.sample_again(&section, pixels, &mut without), "the same again is no other one");

@@ -343,7 +343,7 @@ impl Planes {
     /// Samples a plane that has moved; returns whether its image has changed.
     fn sample(&mut self, plane: PlaneRequest, extent: &Extent) -> bool {
         self.work.planes += 1;
-        let planar = Planar { volume: &self.subset, place: extent.place, pool: None };
+        let planar = Planar { volume: &self.subset, place: extent.place, team: None };
         let (sampled, _) = planar.sample(&plane.section);
         let before = self.shown.insert(plane.number, LastPlane { plane, sampled });
         let now = self.shown.get(&plane.number);
@@ -361,7 +361,7 @@ impl Planes {
         let mut is_other = shown.plane.style != plane.style;
         shown.plane = plane;
         self.work.planes += u64::from(!hit.is_empty());
-        let planar = Planar { volume: &self.subset, place: extent.place, pool: None };
+        let planar = Planar { volume: &self.subset, place: extent.place, team: None };
         for pixels in hit {
             is_other |= planar.sample_again(&plane.section, *pixels, &mut shown.sampled);
         }

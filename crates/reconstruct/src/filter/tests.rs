@@ -1,5 +1,6 @@
 use std::sync::Arc;
 
+use simd::team::Team;
 use sonoweave_core::region::ClipRect;
 
 use super::*;
@@ -102,7 +103,7 @@ fn nodes_match_exact_sums_within_deviation() {
 
 #[test]
 fn simd_and_threads_give_same_bits() {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    let team = Team::new("test", 3).unwrap();
     for sigma in [[4.6, 4.6], [1.5, 0.8]] {
         let image = picture(150, 99);
         let run = |simd, sharing| {
@@ -113,7 +114,7 @@ fn simd_and_threads_give_same_bits() {
         let reference = run(Simd::Portable, Sharing::Alone);
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
             assert!(run(simd, Sharing::Alone) == reference, "{}", simd.name());
-            assert!(pool.install(|| run(simd, Sharing::Pool)) == reference, "{} on three threads", simd.name());
+            assert!(run(simd, Sharing::of(team.as_ref())) == reference, "{} on three threads", simd.name());
         }
     }
 }

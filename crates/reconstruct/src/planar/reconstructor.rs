@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use mask::Mask;
 use simd::sharing::Sharing;
+use simd::team::Team;
 use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::Slice;
@@ -57,6 +58,10 @@ impl Rows {
     }
 }
 
+/// Least pixels of data for which threads that sleep are woken. A pixel is a quarter of the work
+/// that it is for slices in any direction.
+const LEAST_WAKING: u64 = 1 << 18;
+
 /// Inserts slices that stay perpendicular to a plane into a volume of columns. One instance per
 /// volume, not shared between threads; it starts its own.
 pub struct PlanarReconstructor {
@@ -64,7 +69,7 @@ pub struct PlanarReconstructor {
     planar: PlanarSettings,
     pub(super) mask: Mask,
     data: ClipRect,
-    pool: Option<Arc<rayon::ThreadPool>>,
+    team: Option<Arc<Team>>,
     scan: Option<Scan>,
     pub(super) volume: ColumnVolume,
     pub(super) admission: Admission,
@@ -91,7 +96,7 @@ impl PlanarReconstructor {
             return Err(SettingsError::Tolerance(planar.tolerance_voxels));
         }
         let data = Departure::rectangle(&mask)?;
-        let pool = settings.pool()?;
+        let team = settings.team()?;
         let volume = ColumnVolume::new(0, Vec::new(), false);
         let (clock, plan, work) = (DecayClock::default(), Plan::default(), Work::default());
         Ok(Self {
@@ -99,7 +104,7 @@ impl PlanarReconstructor {
             planar,
             mask,
             data,
-            pool,
+            team,
             scan: None,
             volume,
             admission: Admission::default(),
@@ -119,7 +124,7 @@ impl PlanarReconstructor {
             planar: self.planar,
             mask: self.mask.clone(),
             data: self.data,
-            pool: self.pool.clone(),
+            team: self.team.clone(),
             scan: self.scan.clone(),
             volume: self.volume.copy()?,
             admission: self.admission.clone(),
@@ -170,7 +175,12 @@ impl PlanarReconstructor {
     /// [`Refused`] with the reason; nothing has changed then. [`Refused::Departure`] when it
     /// leaves the plane.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
-        Sharing::within(self.pool.clone().as_deref(), |sharing| self.insert_with(slice, sharing))
+        let team = self.team.clone();
+        let sharing = match self.mask.area() < LEAST_WAKING {
+            true => Sharing::with_awake(team.as_deref()),
+            false => Sharing::of(team.as_deref()),
+        };
+        self.insert_with(slice, sharing)
     }
 
     fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {

@@ -27,6 +27,7 @@ use std::ops::Range;
 
 use simd::Simd;
 use simd::sharing::Sharing;
+use simd::team::Team;
 use volume::brick::{BrickIndex, EDGE};
 use volume::{Prism, Values};
 
@@ -203,22 +204,17 @@ impl Part {
         self.draw_on(None)
     }
 
-    /// Reads bricks, the first half of [`Self::update`], on the threads of a pool. Several readings
+    /// Reads bricks, the first half of [`Self::update`], on the threads of a team. Several readings
     /// may precede one drawing.
-    pub fn read_on(
-        &mut self,
-        pool: Option<&rayon::ThreadPool>,
-        volume: &(impl Values + ?Sized),
-        bricks: &[BrickIndex],
-    ) {
-        Sharing::within(pool, |sharing| self.read(volume, bricks, sharing));
+    pub fn read_on(&mut self, team: Option<&Team>, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) {
+        self.read(volume, bricks, Sharing::of(team));
     }
 
-    /// Draws what was read, the second half of [`Self::update`], on the threads of a pool.
-    pub fn draw_on(&mut self, pool: Option<&rayon::ThreadPool>) -> Message {
+    /// Draws what was read, the second half of [`Self::update`], on the threads of a team.
+    pub fn draw_on(&mut self, team: Option<&Team>) -> Message {
         let bricks_read = std::mem::take(&mut self.bricks_read);
         let mut message = Message { work: RenderWork { bricks_read, ..RenderWork::default() }, ..Message::default() };
-        message.work += Sharing::within(pool, |sharing| self.draw(None, sharing));
+        message.work += self.draw(None, Sharing::of(team));
         let (width, fold, is_folded) = (self.width, self.fold, self.is_folded);
         channels!(&mut self.image, layers => layers.tell(width, fold, is_folded, &mut message.bytes));
         message

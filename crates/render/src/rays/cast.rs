@@ -26,14 +26,14 @@ pub(crate) struct Casting<'a, const C: usize> {
     pub(crate) visible: &'a VisibleBlocks,
     pub(crate) fold: Fold,
     pub(crate) simd: Simd,
-    pub(crate) sharing: Sharing,
+    pub(crate) sharing: Sharing<'a>,
 }
 
 impl<'a, const C: usize> Casting<'a, C> {
     pub(crate) fn new(
         voxels: &'a Voxels<C>,
         shader: &'a Shader<f32>,
-        (fold, simd, sharing): (Fold, Simd, Sharing),
+        (fold, simd, sharing): (Fold, Simd, Sharing<'a>),
     ) -> Self {
         Self { sampler: Sampler::new(voxels, shader), visible: &voxels.visible, fold, simd, sharing }
     }

@@ -63,7 +63,7 @@ pub(super) struct Context<'a> {
     pub(super) shader: &'a Shader<f32>,
     pub(super) fold: Fold,
     pub(super) simd: Simd,
-    pub(super) sharing: Sharing,
+    pub(super) sharing: Sharing<'a>,
 }
 
 /// Cache policy of the rays: the requested cache, or a smaller one if that would take too much

@@ -12,7 +12,7 @@ use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use super::layout::{Room, three};
 use super::*;
-use crate::settings::pool;
+use crate::settings::team;
 
 /// A volume defined by a function of the voxel index: value and weight.
 struct Made<F>(F);
@@ -44,7 +44,7 @@ fn sample<F: Fn([i64; 3]) -> (f32, f32) + Sync>(
     place: Box3,
     section: &Section,
 ) -> (Vec<Sampled>, PlanarWork) {
-    Planar { volume, place, pool: None }.sample(section)
+    Planar { volume, place, team: None }.sample(section)
 }
 
 #[test]
@@ -135,8 +135,8 @@ proptest! {
                 prop_assert!((f64::from(pixel.value) - value).abs() < 1e-3 * value.abs().max(1.0), "{pixel:?} {value}");
             }
         }
-        let shared = pool(3).unwrap();
-        let again = Planar { volume: &volume, place, pool: shared.as_deref() }.sample(&section);
+        let shared = team(3).unwrap();
+        let again = Planar { volume: &volume, place, team: shared.as_deref() }.sample(&section);
         prop_assert_eq!(again, (pixels, work));
     }
 

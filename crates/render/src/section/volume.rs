@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use simd::sharing::Sharing;
+use simd::team::Team;
 
 use super::Sampled;
 use super::plane::{Box3, Section};
@@ -34,7 +35,7 @@ pub struct Planar<'a, V: Values + ?Sized> {
     /// Their box; nothing is read beyond it.
     pub place: Box3,
     /// Threads that share the rows; any number gives the same result.
-    pub pool: Option<&'a rayon::ThreadPool>,
+    pub team: Option<&'a Team>,
 }
 
 impl<V: Values + ?Sized> Planar<'_, V> {
@@ -43,11 +44,9 @@ impl<V: Values + ?Sized> Planar<'_, V> {
         let mut pixels = vec![Sampled::UNSEEN; section.pixels()];
         let mut works = vec![PlanarWork::default(); section.size[1] as usize];
         let width = section.size[0].max(1) as usize;
-        Sharing::within(self.pool, |sharing| {
-            sharing.chunks_beside(&mut pixels, width, &mut works, |work, j, row| {
-                // There are fewer than 2³² rows.
-                self.row(section, j as u32, [0, section.size[0]], row, work);
-            });
+        Sharing::of(self.team).chunks_beside(&mut pixels, width, &mut works, |work, j, row| {
+            // There are fewer than 2³² rows.
+            self.row(section, j as u32, [0, section.size[0]], row, work);
         });
         let mut work = PlanarWork::default();
         works.into_iter().for_each(|w| work += w);
