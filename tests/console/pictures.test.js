@@ -8,10 +8,6 @@ import { test } from "node:test";
 import { close, difference, drawn, greys, look, measured, open, says, SIZES, shot } from "./page.js";
 import { shared } from "./session.js";
 
-// Latest arrival, ms. The tests check correctness, not speed, and other programs run beside
-// them.
-const LATEST = 3000;
-
 test("the page stands at once, and both pictures move", async (t) => {
   const { address } = await shared();
   const seen = await open(address);
@@ -44,7 +40,7 @@ test("from when a picture was due to its pixels on the screen", async (t) => {
     const of = latencies[name];
     assert.ok(of.length > 5, `${name}: ${of.length} were measured`);
     assert.ok(of.every((ms) => ms > 0), `${name}: none is on the screen before it was due`);
-    assert.ok(share(of, 0.95) < LATEST, `${name}: p95 ${share(of, 0.95)} ms`);
+    // How late they are depends on the machine: `make console-reach` measures it.
     const { width, height, left_out: out } = pictures[name];
     t.diagnostic(`${name} ${width} × ${height}: on the screen after p50 ${share(of, 0.5).toFixed(0)} ms, p95 ${share(of, 0.95).toFixed(0)} ms, of which here p95 ${share(decodes[name], 0.95).toFixed(1)} ms; ${of.length} pictures, ${out} left out`);
   }
