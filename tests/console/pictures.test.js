@@ -40,7 +40,7 @@ test("from when a picture was due to its pixels on the screen", async (t) => {
     const of = latencies[name];
     assert.ok(of.length > 5, `${name}: ${of.length} were measured`);
     assert.ok(of.every((ms) => ms > 0), `${name}: none is on the screen before it was due`);
-    // How late they are depends on the machine: `make console-reach` measures it.
+    // The lateness depends on the machine: `make console-reach` measures it.
     const { width, height, left_out: out } = pictures[name];
     t.diagnostic(`${name} ${width} × ${height}: on the screen after p50 ${share(of, 0.5).toFixed(0)} ms, p95 ${share(of, 0.95).toFixed(0)} ms, of which here p95 ${share(decodes[name], 0.95).toFixed(1)} ms; ${of.length} pictures, ${out} left out`);
   }
