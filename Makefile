@@ -154,9 +154,12 @@ hardware-test: setup
 	scripts/hardware-test.sh $(FILTER)
 
 # Installs VTK into out/peers (600 MB, from the package index that pip is set up for). The
-# renderer's bench then times it as well.
+# renderer's bench then times it as well. IGSIO=FOLDER also compiles IGSIO's insertion from a
+# checkout in that folder into out/igsio, with Debian's VTK (900 MB); the reconstruction's bench
+# then times it as well.
 peers:
 	scripts/peers/environment.sh
+	$(if $(IGSIO),scripts/peers/igsio.sh "$(IGSIO)")
 
 # Exchanges files and messages with other programs in both directions, which go into out/interop
 # (800 MB, from the package index that pip is set up for). Images: SimpleITK, VTK, pynrrd and

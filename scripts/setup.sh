@@ -2,7 +2,7 @@
 # Installs the Debian packages that building and testing need and the machine lacks. Rust must be
 # there (https://rustup.rs).
 #
-#   scripts/setup.sh [package|release|arm64|interop|console|python]
+#   scripts/setup.sh [package|release|arm64|interop|console|python|igsio]
 #
 # package: the tools that make a Debian package.
 # release: those, those of arm64, the C compiler for static programs, and Rust's library for them,
@@ -12,6 +12,7 @@
 #   library, and Prometheus. Debian starts the services of archive and Prometheus on systems with
 #   systemd; `systemctl disable --now orthanc prometheus` ends them.
 # console: a browser, and node to drive it.
+# igsio: a C++ compiler, and VTK's headers and libraries, which IGSIO's source needs.
 # python: the module that makes Python environments, and Slurm, whose services do not start
 #   without a configuration.
 set -eu
@@ -55,8 +56,9 @@ case ${1:-} in interop | python) python3 -c 'import ensurepip, venv' 2>/dev/null
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 [ "${1:-}" != interop ] || need prometheus /usr/bin/promtool
 [ "${1:-}" != interop ] || need openssl /usr/bin/openssl
-[ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"
+case ${1:-} in interop | igsio) command -v c++ >/dev/null 2>&1 || missing="$missing g++" ;; esac
 [ "${1:-}" != interop ] || need libopenigtlink-dev /usr/include/openigtlink/igtlClientSocket.h
+[ "${1:-}" != igsio ] || [ -e "$(echo /usr/include/vtk-*/vtkImageData.h)" ] || missing="$missing libvtk9-dev"
 if [ "${1:-}" = console ]; then
     # A node of another source is kept, as Debian's conflicts with it.
     command -v node >/dev/null 2>&1 || missing="$missing nodejs"

@@ -6,14 +6,15 @@
 //! machines differ. Tables are printed when finished and written to `out/bench`. A quick run
 //! writes to `out/bench/quick`; it is a smoke test with too few repeats to measure anything.
 //!
-//! - [`recording`]: a real freehand recording, beside IGSIO and our own nearest and trilinear
-//!   baselines.
+//! - [`recording`]: a real freehand recording, beside our own nearest and trilinear baselines, and
+//!   beside IGSIO if `make peers` has compiled it.
 //! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same
-//!   baselines.
+//!   contestants.
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
 //! - [`planar`]: a 3-DOF arm's scan with the general and the planar insertion path.
 //! - [`filling`]: filling the recording's holes.
 //! - [`memory`]: bytes per voxel.
+//! - [`igsio`]: IGSIO in a [`process`] of its own.
 //! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: shared parts; `make pareto`
 //!   uses all but the last too.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
@@ -23,9 +24,11 @@ mod blobs;
 mod check;
 mod cube;
 mod filling;
+mod igsio;
 mod loading;
 mod memory;
 mod planar;
+mod process;
 mod recording;
 mod report;
 mod timing;

@@ -194,6 +194,7 @@ pub(crate) struct Report {
     threads: Table,
     goals: Table,
     figures: Map<String, Value>,
+    peers: Map<String, Value>,
     wrong: Vec<String>,
     missed: usize,
 }
@@ -204,7 +205,15 @@ impl Report {
         let goals = Table::new("goals", "Goals, number by number", &columns);
         let columns = ["what", "1 thread", "2 threads", "ratio", "p25", "p75", "arithmetic", "goal", "verdict"];
         let threads = Table::new("threads", "Two threads against one, taking turns; ms a frame", &columns);
-        Self { tables: Vec::new(), threads, goals, figures: Map::new(), wrong: Vec::new(), missed: 0 }
+        Self {
+            tables: Vec::new(),
+            threads,
+            goals,
+            figures: Map::new(),
+            peers: Map::new(),
+            wrong: Vec::new(),
+            missed: 0,
+        }
     }
 
     /// Compares a number with its goal: returns the two cells "goal" and "verdict", and adds a
@@ -256,6 +265,11 @@ impl Report {
         self.figures.insert(name.to_owned(), value.into());
     }
 
+    /// Names the source of another program that takes part.
+    pub(crate) fn peer(&mut self, name: &str, source: String) {
+        self.peers.insert(name.to_owned(), source.into());
+    }
+
     /// Prints a finished table at once, because a run takes minutes.
     pub(crate) fn add(&mut self, table: Table) {
         table.print();
@@ -290,7 +304,7 @@ impl Report {
         let tables: Vec<Value> = self.tables.iter().map(Table::json).collect();
         let all = json!({ "machine": machine, "tables": tables, "wrong": self.wrong });
         fs::write(folder.join("reconstruct.json"), serde_json::to_string_pretty(&all)? + "\n")?;
-        let figures = json!({ "quick": quick, "figures": self.figures });
+        let figures = json!({ "quick": quick, "figures": self.figures, "peers": self.peers });
         fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&figures)? + "\n")?;
         for what in &self.wrong {
             println!("\nWRONG ANSWER: {what}");

@@ -18,6 +18,8 @@ mod case;
 mod follow;
 mod parts;
 mod peer;
+#[path = "../reconstruct/process.rs"]
+mod process;
 #[path = "../reconstruct/report.rs"]
 #[allow(dead_code, reason = "shared with the bench of the reconstruction, which also compares threads")]
 mod report;

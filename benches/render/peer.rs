@@ -8,9 +8,8 @@
 
 use std::error::Error;
 use std::fs;
-use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
@@ -22,6 +21,7 @@ use render::classify::transfer::{Opacity, Transfer};
 use render::{Picture, RenderRegion, RenderSettings, Renderer};
 
 use super::case::{Case, Ready, THREADS};
+use super::process::Process;
 use super::report::{Cell, Goal, Report, Table};
 use super::snapshot::{PLANES, Snapshot};
 use super::timing::{self, Contestant, Times};
@@ -331,56 +331,24 @@ fn changes(
 }
 
 /// The VTK process.
-struct Vtk {
-    child: Child,
-    commands: ChildStdin,
-    answers: BufReader<ChildStdout>,
-}
+struct Vtk(Process);
 
 impl Vtk {
     fn start(python: &Path, job: &Path) -> Result<Self, Box<dyn Error>> {
         let script = project().join("scripts/peers/vtk_caster.py");
         // VTK's warnings about a missing display are irrelevant; its errors show as a missing
         // answer.
-        let mut child = Command::new(python)
-            .arg(script)
-            .arg(job)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(fs::File::create(job.join("vtk.log"))?)
-            .spawn()?;
-        let (Some(commands), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err("no pipes".into());
-        };
-        let mut vtk = Self { child, commands, answers: BufReader::new(answers) };
-        vtk.answers(job)?;
-        Ok(vtk)
-    }
-
-    fn answers(&mut self, log: &Path) -> Result<String, Box<dyn Error>> {
-        let mut line = String::new();
-        match self.answers.read_line(&mut line)? {
-            0 => Err(format!(
-                "VTK's process ended; its words are in {}; make peers makes its environment anew",
-                log.join("vtk.log").display()
-            )
-            .into()),
-            _ => Ok(line.trim().to_owned()),
-        }
-    }
-
-    fn ask(&mut self, command: &str) -> Result<String, Box<dyn Error>> {
-        writeln!(self.commands, "{command}")?;
-        self.commands.flush()?;
-        self.answers(Path::new("the job's folder"))
+        let mut process = Process::start("VTK", Command::new(python).arg(script).arg(job), &job.join("vtk.log"))?;
+        process.answer()?;
+        Ok(Self(process))
     }
 
     fn ms(&mut self, command: &str) -> Result<f64, Box<dyn Error>> {
-        Ok(self.ask(command)?.parse()?)
+        Ok(self.0.ask(command)?.parse()?)
     }
 
     fn picture(&mut self, path: &Path, size: [u32; 2]) -> Result<Picture, Box<dyn Error>> {
-        self.ask(&format!("picture {}", path.display()))?;
+        self.0.ask(&format!("picture {}", path.display()))?;
         let bytes = fs::read(path)?;
         let number = |pair: &[u8]| f32::from(u16::from_ne_bytes([pair[0], pair[1]])) / 32767.0;
         let pixel = |eight: &[u8]| {
@@ -392,13 +360,5 @@ impl Vtk {
             return Err(format!("{}: {} pixels", path.display(), pixels.len()).into());
         }
         Ok(Picture { size, pixels })
-    }
-}
-
-impl Drop for Vtk {
-    fn drop(&mut self) {
-        // Errors only mean that the process has already ended.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }

@@ -169,6 +169,7 @@ mod tests {
         };
         let of = |name: &str| Record {
             program: None,
+            peers: [].into(),
             commit: "0123abc".into(),
             date: String::new(),
             command: String::new(),

@@ -306,6 +306,7 @@ mod tests {
         let hash = "1".repeat(40);
         let record = Record {
             program: None,
+            peers: [].into(),
             commit: "0123abc".into(),
             date: "2026-11-21".into(),
             command: "make bench".into(),
@@ -437,7 +438,7 @@ mod tests {
     fn whole_run_gives_the_shown_figures_only() {
         let documents = with(PRESENT, "0.46");
         let figures = [("ms".to_owned(), Figure::Value(1.0)), ("s".to_owned(), Figure::Value(2.0))];
-        let run = Run { quick: false, figures: figures.clone().into() };
+        let run = Run { quick: false, figures: figures.clone().into(), peers: [].into() };
         assert_eq!(documents.shown("r", &run), Ok([figures[0].clone()].into()));
         assert!(documents.shown("new", &run).is_err_and(|e| e.contains("no template")));
         assert!(documents.shown("r", &Run { quick: true, ..run.clone() }).is_err_and(|e| e.contains("quick")));

@@ -52,6 +52,9 @@ pub struct Run {
     pub quick: bool,
     /// Figures by their names.
     pub figures: BTreeMap<String, Figure>,
+    /// Other programs that were measured in the same run, with the names of their sources.
+    #[serde(default)]
+    pub peers: BTreeMap<String, String>,
 }
 
 /// A machine.
@@ -101,6 +104,9 @@ pub struct Record {
     /// Hashes of git of the measured folders and files at the commit, by their paths. Empty for
     /// another program.
     pub sources: BTreeMap<String, String>,
+    /// Other programs that were measured in the same run, with the names of their sources.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub peers: BTreeMap<String, String>,
     /// Figures by their names.
     pub figures: BTreeMap<String, Figure>,
 }
@@ -169,7 +175,12 @@ impl Record {
         if !command.is_empty() {
             text += &format!(", by `{command}`");
         }
-        text + &format!(", on {} {cores} of {}", machine.cores, machine.cpu)
+        text += &format!(", on {} {cores} of {}", machine.cores, machine.cpu);
+        let peers: Vec<String> = self.peers.iter().map(|(name, source)| format!("{name} ({source})")).collect();
+        if !peers.is_empty() {
+            text += &format!(", beside {}", peers.join(" and "));
+        }
+        text
     }
 }
 
@@ -230,6 +241,13 @@ mod tests {
             r.figures = [("d".into(), Figure::Spread(parts.into()))].into();
         };
         assert!(fault(unordered).contains("\"d\""));
+    }
+
+    #[test]
+    fn statement_names_other_programs_of_the_run() {
+        let peers = [("IGSIO".into(), "commit 0123abc".into())].into();
+        let statement = Record { peers, ..sample() }.statement(false);
+        assert!(statement.ends_with(", on 2 cores of Xeon, beside IGSIO (commit 0123abc)"), "{statement}");
     }
 
     #[test]

@@ -172,6 +172,7 @@ mod tests {
         ];
         let record = Record {
             program: None,
+            peers: [].into(),
             commit: "0123abcd".into(),
             date: "2026-11-21".into(),
             command: "make bench".into(),

@@ -78,6 +78,7 @@ fn enter(root: &Path, name: &str, run: &Path, command: &str, paths: Vec<&str>) -
         command: command.to_owned(),
         machine: Machine::this(),
         sources,
+        peers: run.peers.clone(),
         figures: run.figures.clone(),
     };
     let file = format!("{name}.json");

@@ -1,0 +1,3 @@
+// Stands for ITK's header: IGSIO's mathematics name the type, and inserting a slice does not use it.
+#pragma once
+template <class T, unsigned rows, unsigned columns> class vnl_matrix_fixed;
