@@ -89,6 +89,7 @@ QUICK_FOLDER = $(if $(QUICK),quick,.)
 bench: setup
 	cargo bench --locked --bench reconstruct -- $(QUICK)
 	$(NUMBERS) record reconstruct out/bench/$(QUICK_FOLDER)/figures.json --command "make bench" --sources $(INSERTION)
+	$(NUMBERS) record igsio out/bench/$(QUICK_FOLDER)/figures.json --command "make bench" --sources $(INSERTION)
 	cargo bench --locked --bench render -- $(QUICK)
 	$(NUMBERS) record render out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)
 	$(NUMBERS) record vtk out/bench/$(if $(QUICK),quick-)render/figures.json --command "make bench" --sources $(RENDERING)

@@ -69,7 +69,7 @@ impl Documents {
     /// Returns whether a record measured the sources of today. Without git none is known to.
     fn is_current(&self, record: &str) -> bool {
         let Some((record, today)) = self.records.get(record).zip(self.today.as_ref()) else { return false };
-        record.program.is_none() && record.sources.iter().all(|(path, hash)| today.get(path) == Some(hash))
+        record.sources.iter().all(|(path, hash)| today.get(path) == Some(hash))
     }
 
     /// Returns the path and the new text of each page whose blocks are not their templates' text.
@@ -305,7 +305,6 @@ mod tests {
     fn sample(block: &str) -> Documents {
         let hash = "1".repeat(40);
         let record = Record {
-            program: None,
             peers: [].into(),
             commit: "0123abc".into(),
             date: "2026-11-21".into(),

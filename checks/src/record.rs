@@ -90,19 +90,15 @@ impl Machine {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// Another program that the figures are of; absent for sonoweave.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub program: Option<String>,
     /// Commit of the measured sources, 7 to 40 hexadecimal digits.
     pub commit: String,
-    /// Day of the measurement, `YYYY-MM-DD`; empty if it is not known.
+    /// Day of the measurement, `YYYY-MM-DD`.
     pub date: String,
     /// Command that measures.
     pub command: String,
     /// Machine of the measurement.
     pub machine: Machine,
-    /// Hashes of git of the measured folders and files at the commit, by their paths. Empty for
-    /// another program.
+    /// Hashes of git of the measured folders and files at the commit, by their paths.
     pub sources: BTreeMap<String, String>,
     /// Other programs that were measured in the same run, with the names of their sources.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -142,12 +138,10 @@ impl Record {
         if !(7..=40).contains(&self.commit.len()) || !hexadecimal(&self.commit) {
             return Some(format!("commit {:?} is not 7 to 40 hexadecimal digits", self.commit));
         }
-        let is_date = chrono::NaiveDate::parse_from_str(&self.date, "%Y-%m-%d").is_ok();
-        let is_unknown = self.date.is_empty() && self.program.is_some();
-        if !is_date && !is_unknown {
+        if chrono::NaiveDate::parse_from_str(&self.date, "%Y-%m-%d").is_err() {
             return Some(format!("date {:?} is not YYYY-MM-DD", self.date));
         }
-        if self.program.is_none() && self.sources.is_empty() {
+        if self.sources.is_empty() {
             return Some("sources is empty: name the folders that the figures measure".into());
         }
         let hash = |hash: &&String| hash.len() != 40 || !hexadecimal(hash);
@@ -164,14 +158,8 @@ impl Record {
         let Self { commit, date, command, machine, .. } = self;
         let commit = &commit[..7];
         let cores = if machine.cores == 1 { "core" } else { "cores" };
-        let mut text = match (&self.program, current) {
-            (Some(program), _) => format!("{program} was measured at its commit {commit}"),
-            (None, true) => format!("The present sources, commit {commit}"),
-            (None, false) => format!("Measured at {commit}"),
-        };
-        if !date.is_empty() {
-            text += &format!(", {date}");
-        }
+        let beginning = if current { "The present sources, commit" } else { "Measured at" };
+        let mut text = format!("{beginning} {commit}, {date}");
         if !command.is_empty() {
             text += &format!(", by `{command}`");
         }
@@ -244,22 +232,16 @@ mod tests {
     }
 
     #[test]
-    fn statement_names_other_programs_of_the_run() {
-        let peers = [("IGSIO".into(), "commit 0123abc".into())].into();
-        let statement = Record { peers, ..sample() }.statement(false);
-        assert!(statement.ends_with(", on 2 cores of Xeon, beside IGSIO (commit 0123abc)"), "{statement}");
-    }
-
-    #[test]
     fn statement_tells_present_from_past_sources() {
         assert!(
             sample().statement(true).starts_with("The present sources, commit 0123abc, 2026-11-21, by `make bench`")
         );
         assert!(sample().statement(false).starts_with("Measured at 0123abc"));
-        let peer = Record { program: Some("IGSIO".into()), date: String::new(), ..sample() };
+        let peers = [("IGSIO".into(), "commit 0123abc".into())].into();
+        let beside = Record { peers, command: String::new(), ..sample() };
         assert_eq!(
-            peer.statement(true),
-            "IGSIO was measured at its commit 0123abc, by `make bench`, on 2 cores of Xeon"
+            beside.statement(false),
+            "Measured at 0123abc, 2026-11-21, on 2 cores of Xeon, beside IGSIO (commit 0123abc)"
         );
     }
 }

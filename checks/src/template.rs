@@ -171,7 +171,6 @@ mod tests {
             ("tiny".to_owned(), Figure::Value(5e-6)),
         ];
         let record = Record {
-            program: None,
             peers: [].into(),
             commit: "0123abcd".into(),
             date: "2026-11-21".into(),

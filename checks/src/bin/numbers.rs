@@ -72,7 +72,6 @@ fn enter(root: &Path, name: &str, run: &Path, command: &str, paths: Vec<&str>) -
     let changed = checkout.hashes(&commit, paths.iter().copied()) != sources;
     let date = chrono::Utc::now().format("%Y-%m-%d").to_string();
     let mut record = Record {
-        program: None,
         commit,
         date,
         command: command.to_owned(),
