@@ -35,7 +35,7 @@ if [ "$(git -C "$folder" rev-parse --show-prefix 2>/dev/null || echo none)" = ""
     git -C "$folder" diff --quiet HEAD; then
     name="commit $(git -C "$folder" rev-parse --short=8 HEAD)"
 else
-    name="files with SHA-256 $(cat "$part/$class"* "$part/fixed.h" "$top/IGSIOCommon/igsioMath.h" | sha256sum | cut -c 1-8)"
+    name="a copy of its files, SHA-256 $(cat "$part/$class"* "$part/fixed.h" "$top/IGSIOCommon/igsioMath.h" | sha256sum | cut -c 1-8)"
 fi
 licence=$(find "$folder" -maxdepth 1 -iname 'licen[sc]e*' | head -n 1)
 
