@@ -4,9 +4,11 @@
 # Installs Debian's python3-venv and Slurm if they are missing, and Python packages into out/python
 # (700 MB).
 #
-#   scripts/python.sh [wheel|test]
+#   scripts/python.sh [wheel|folder|test]
 #
-# With wheel it only builds, with test it only checks the wheel that was built.
+# With wheel it only builds, with test it only checks the wheel that was built. With folder it
+# builds the wheel from the folder itself, with the crates of the optimised programs, and lets the
+# compiler check the source distribution.
 #
 # SONOWEAVE_PYTHON_QUICK=1 builds the module without optimisation and from the folder itself.
 set -euo pipefail
@@ -16,9 +18,9 @@ out=$root/out/python
 say() { echo "python: $*"; }
 part=${1:-}
 case $part in
-"" | wheel | test) ;;
+"" | wheel | folder | test) ;;
 *)
-    echo "python: there is no part \"$part\"; give wheel or test" >&2
+    echo "python: there is no part \"$part\"; give wheel, folder or test" >&2
     exit 2
     ;;
 esac
@@ -66,16 +68,25 @@ build_wheel() {
         say "the distribution would be built with other crates: $new" >&2
         exit 1
     }
-    # Other projects' crates that are optimised already are not built again. The lock is not shared,
-    # so that other builds do not wait for this one.
-    if [ -d target/release/deps ] && [ ! -d target/wheel ]; then
-        mkdir -p target/wheel/release
-        cp -al target/release/deps target/release/build target/wheel/release/
-        cp -a target/release/.fingerprint target/wheel/release/
+    if [ "$part" = folder ]; then
+        share debug
+        (cd "$out/source" && CARGO_TARGET_DIR=$root/target/wheel cargo check --locked --quiet -p sonoweave-python)
+        say "building the wheel"
+        (cd python && "$maturin" build --release "${build[@]}" --quiet)
+        return
     fi
+    share release
     say "building the wheel from the source distribution"
     (cd "$out/source" && CARGO_TARGET_DIR=$root/target/wheel CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_INCREMENTAL=0 \
         "$maturin" build --release "${build[@]}" --quiet)
+}
+# share KIND: gives builds of the source distribution other projects' crates that are built already.
+# The lock is not shared, so that other builds do not wait for these.
+share() {
+    [ -d "target/$1/deps" ] && [ ! -d "target/wheel/$1" ] || return 0
+    mkdir -p "target/wheel/$1"
+    cp -al "target/$1/deps" "target/$1/build" "target/wheel/$1/"
+    cp -a "target/$1/.fingerprint" "target/wheel/$1/"
 }
 [ "$part" = test ] || build_wheel
 wheel=$(echo "$out"/wheels/sonoweave-*.whl)
@@ -85,7 +96,7 @@ say "$(basename "$wheel"), $((bytes / 1000)) kB"
     say "the wheel exceeds 25 MB" >&2
     exit 1
 }
-[ "$part" != wheel ] || exit 0
+case $part in wheel | folder) exit 0 ;; esac
 if [ -z "$program" ] && [ -n "${SONOWEAVE_PYTHON_QUICK:-}" ]; then
     cargo build --locked --quiet -p sonoweave
     program=${CARGO_TARGET_DIR:-target}/debug/sonoweave

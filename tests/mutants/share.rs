@@ -1,7 +1,8 @@
 //! The choice of mutants to try.
 //!
 //! `SONOWEAVE_MUTANTS` is `all` (the default) or `share`: mutants of changed files, and a tenth
-//! of the list that rotates by the day. Files have changed if git finds them different since
+//! of the list that rotates by the day. Mutants of one suite are in the same tenth as far as
+//! possible, so that few suites are built. Files have changed if git finds them different since
 //! the common ancestor with `SONOWEAVE_MUTANTS_BASE`, or since `HEAD~1` if that is not set.
 
 use std::collections::BTreeSet;
@@ -10,7 +11,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::list::Mutant;
 
-/// Each day tries one mutant in this many.
+/// Number of parts of the list. Each day tries one.
 const PARTS: u64 = 10;
 const DAY_S: u64 = 24 * 60 * 60;
 
@@ -34,7 +35,11 @@ pub(crate) fn chosen(mutants: &[Mutant]) -> Result<(Vec<usize>, String), String>
 /// Returns the mutants of changed files, and those of the day's part.
 fn share(mutants: &[Mutant], part: u64, changed: Option<(String, BTreeSet<String>)>) -> (Vec<usize>, String) {
     let is_changed = |n: &usize| changed.as_ref().is_some_and(|(_, files)| files.contains(&mutants[*n].file));
-    let is_due = |n: &usize| *n as u64 % PARTS == part;
+    let mut by_suite: Vec<usize> = (0..mutants.len()).collect();
+    by_suite.sort_by_key(|n| &mutants[*n].suite);
+    let at = |part: u64| mutants.len() * part as usize / PARTS as usize;
+    let due: BTreeSet<usize> = by_suite[at(part)..at(part + 1)].iter().copied().collect();
+    let is_due = |n: &usize| due.contains(n);
     let chosen: Vec<usize> = (0..mutants.len()).filter(|n| is_changed(n) || is_due(n)).collect();
     let of_changed = chosen.iter().filter(|&n| is_changed(n)).count();
     let since = match &changed {

@@ -281,8 +281,51 @@ pub fn write_weights_of(volume: &dyn Voxels, space: &DenseBox, part: &Part, weig
 }
 
 /// Returns the written weight: 0 for unseen voxels, and [`FILLED`] for filled ones.
-pub fn written_weight(w: f32) -> f32 {
+fn written_weight(w: f32) -> f32 {
     if w > SEEN || w == FILLED { w } else { 0.0 }
+}
+
+/// Returns values and weights of the voxels of a box as they are written, x fastest, both as
+/// numbers. The box has `size` voxels along x, y and z from lattice index `first` on, at which a
+/// block begins. Outside of `bounds`, which are the lowest and the highest lattice index, voxels
+/// are unseen.
+pub fn written_box(
+    volume: &dyn Voxels,
+    first: [i64; 3],
+    size: [usize; 3],
+    bounds: [[i64; 3]; 2],
+    encoding: &Encoding,
+) -> (Vec<f32>, Vec<f32>) {
+    let [nx, ny, nz] = size;
+    let (mut values, mut weights) = (vec![encoding.unseen; nx * ny * nz], vec![0.0; nx * ny * nz]);
+    let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
+    // Indices in the box of a block's voxels that are kept, along an axis.
+    let kept = |axis: usize, block: usize| {
+        let [low, high] = bounds.map(|bound| bound[axis] - first[axis]);
+        let end = ((block + EDGE).min(size[axis]) as i64).min(high + 1);
+        let start = (block as i64).max(low).min(end);
+        start.max(0) as usize..end.max(0) as usize
+    };
+    for z0 in (0..nz).step_by(EDGE) {
+        for y0 in (0..ny).step_by(EDGE) {
+            for x0 in (0..nx).step_by(EDGE) {
+                let start = [first[0] + x0 as i64, first[1] + y0 as i64, first[2] + z0 as i64];
+                volume.block(start.map(|voxel| (voxel / EDGE as i64) as i32), &mut r, &mut w);
+                let xs = kept(0, x0);
+                for z in kept(2, z0) {
+                    for y in kept(1, y0) {
+                        let (line, row) = (((z - z0) * EDGE + y - y0) * EDGE, (z * ny + y) * nx);
+                        for x in xs.clone() {
+                            let (r, w) = (r[line + x - x0], w[line + x - x0]);
+                            values[row + x] = encoding.written(r, w);
+                            weights[row + x] = written_weight(w);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    (values, weights)
 }
 
 /// Writes weights.

@@ -7,14 +7,14 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use export::volume::{DenseBox, Encoding, Scalar, written_weight};
+use export::volume::{DenseBox, Encoding, Scalar, written_box};
 use mask::Mask;
 use ome_zarr::{Extent, Meta, OmeZarrError, OmeZarrWriter, ShardIndex, ShardWriter};
 use pipeline::Outcome;
 use reconstruct::Settings;
 use sonoweave_core::frames::{Transform, Volume, World};
 use volume::Voxels;
-use volume::brick::{BrickBox, BrickIndex, EDGE, VOXELS};
+use volume::brick::{BrickBox, BrickIndex, EDGE};
 
 use crate::app::provenance::range;
 use crate::app::sha256;
@@ -211,30 +211,10 @@ impl<'a> Target<'a> {
     }
 
     fn write_shard(&self, writer: &ShardWriter, volume: &dyn Voxels, shard: ShardIndex) -> Result<(), OmeZarrError> {
-        let Described { meta: Meta { extent, .. }, bounds: [low, high], encoding } = self.described;
-        let [nz, ny, nx] = extent.shard_size(0, shard).unwrap_or_default();
-        let first = extent.shard_first(shard);
-        let (mut values, mut weights) = (vec![encoding.unseen; nx * ny * nz], vec![0.0; nx * ny * nz]);
-        let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
-        for block in (0..nz)
-            .step_by(EDGE)
-            .flat_map(|z| (0..ny).step_by(EDGE).flat_map(move |y| (0..nx).step_by(EDGE).map(move |x| [x, y, z])))
-        {
-            let start: [i64; 3] = std::array::from_fn(|a| first[a] + block[a] as i64);
-            // Shards begin at multiples of a block's edge.
-            volume.block(start.map(|voxel| (voxel / EDGE as i64) as i32), &mut r, &mut w);
-            for at in 0..VOXELS {
-                let inside = [at % EDGE, at / EDGE % EDGE, at / (EDGE * EDGE)];
-                let [x, y, z]: [usize; 3] = std::array::from_fn(|a| block[a] + inside[a]);
-                let voxel: [i64; 3] = std::array::from_fn(|a| start[a] + inside[a] as i64);
-                let is_kept = (0..3).all(|a| (low[a]..=high[a]).contains(&voxel[a]));
-                if is_kept && x < nx && y < ny && z < nz {
-                    let place = (z * ny + y) * nx + x;
-                    values[place] = encoding.written(r[at], w[at]);
-                    weights[place] = written_weight(w[at]);
-                }
-            }
-        }
+        let Described { meta: Meta { extent, .. }, bounds, encoding } = self.described;
+        let mut size = extent.shard_size(0, shard).unwrap_or_default();
+        size.reverse();
+        let (values, weights) = written_box(volume, extent.shard_first(shard), size, *bounds, encoding);
         writer.write_numbers(shard, &values, &weights)
     }
 }
