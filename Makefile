@@ -8,6 +8,8 @@
 # and most crates would be built again. The figures are left out: the crates that draw them take as
 # long to build as everything else. So is the Python module, whose tests are Python's (make python).
 PACKAGES = --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked
+# The tests of checks/.
+STYLE = --test dependencies --test figures --test fleet --test style --test workflows
 
 all: test
 
@@ -21,7 +23,7 @@ quick: setup
 
 # Checks comments, names and lengths of files, and that modules and crates have no cycles.
 style: setup
-	cargo test -p sonoweave-checks --locked
+	cargo test $(PACKAGES) $(STYLE)
 
 # Runs the tests that need neither hardware nor other programs, several programs at a time, but for
 # those of the figures, the errors in the source, and the command line's five longest.
@@ -78,7 +80,7 @@ soak: setup
 
 # Enters a run's figures into a record of docs/numbers, which the documents show. A quick run's, and
 # those of sources that are not committed, go to out/numbers alone. Folders are what is measured.
-NUMBERS = cargo run --quiet --locked -p sonoweave-checks --bin numbers --
+NUMBERS = "$$(scripts/build.sh numbers)"
 INSERTION = crates/core,crates/simd,crates/mask,crates/volume,crates/reconstruct,benches/reconstruct
 RENDERING = $(INSERTION),crates/render,benches/render
 RECORDING = crates/core,crates/formats,drivers/benches/session.rs

@@ -34,7 +34,7 @@ environment() {
     if [ ! -x "$out/$name/bin/python" ] || [ "$wanted" != "$(cat "$out/$name/wanted.txt" 2>/dev/null)" ]; then
         say "installing Python packages into $out/$name"
         python3 -m venv --clear "$out/$name"
-        "$out/$name/bin/pip" --disable-pip-version-check install --quiet -r python/requirements.txt "$@"
+        "$out/$name/bin/pip" --disable-pip-version-check install --quiet --no-compile -r python/requirements.txt "$@"
         printf '%s' "$wanted" >"$out/$name/wanted.txt"
     fi
 }
@@ -126,7 +126,7 @@ cp python/pyproject.toml "$work/"
 # NumPy of Debian 12; other packages need a newer one.
 if [ ! -x "$out/oldest/bin/python" ]; then
     python3 -m venv --clear "$out/oldest"
-    "$out/oldest/bin/pip" --disable-pip-version-check install --quiet "numpy==1.24.*" "pytest<9"
+    "$out/oldest/bin/pip" --disable-pip-version-check install --quiet --no-compile "numpy==1.24.*" "pytest<9"
 fi
 install oldest
 say "tests with NumPy $("$out/oldest/bin/python" -c 'import numpy; print(numpy.__version__)')"

@@ -28,7 +28,7 @@ fi
 mkdir -p out
 # An incomplete environment is made again.
 python3 -m venv --clear "$into"
-"$into/bin/python" -m pip --disable-pip-version-check install --quiet --requirement "$wanted" || {
+"$into/bin/python" -m pip --disable-pip-version-check install --quiet --no-compile --requirement "$wanted" || {
     echo "$name: $wanted could not be installed for $(python3 --version); pip's message is above." >&2
     exit 1
 }

@@ -78,7 +78,7 @@ impl Build {
         // Cargo tells crates of a workspace apart by their places within it and their settings.
         // Without a setting of their own, crates with mutants would replace the project's.
         for member in &members {
-            command.arg("--config").arg(format!("profile.dev.package.{}.codegen-units=64", member.package));
+            command.arg("--config").arg(format!("profile.dev.package.{}.codegen-units=3", member.package));
         }
         // The root's crate uses all others: with it, dependencies have the same features as in
         // the project's own build.
