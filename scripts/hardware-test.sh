@@ -11,15 +11,19 @@ scripts/guest/prepare.sh
 # Further hardware of the next guest's machine: options of scripts/guest/run.sh.
 machine=()
 found=
-# built TEST FILTER…: builds a test binary and sets `program` to it; fails if no test has the filter
-# in its name.
+# Built by one command: another one would wait for builds that have begun beside the first guest.
+# With the packages of `make test`, so that both share one build.
+programs=$(cargo test --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked --no-run \
+    --test guest_grabber --test guest_usb --test guest_serial --test guest_power --message-format=json-render-diagnostics |
+    sed -n 's#.*"executable":"\([^"]*\)".*#\1#p')
+# built TEST FILTER…: sets `program` to a test binary; fails if no test has the filter in its name.
 built() {
     local test=$1
     shift
-    # With the packages of `make test`, so that both share one build.
-    program=$(cargo test --workspace --exclude sonoweave-figures --exclude sonoweave-python --locked --test "$test" --no-run \
-        --message-format=json-render-diagnostics |
-        sed -n "s#.*\"executable\":\"\([^\"]*/$test-[^\"]*\)\".*#\1#p" | tail -n 1) || exit 1
+    program=$(grep "/$test-[^/]*\$" <<<"$programs" | tail -n 1) || {
+        echo "hardware-test: cargo did not name the program $test" >&2
+        exit 1
+    }
     [[ $("$program" --list "$@") == *": test"* ]] && found=yes
 }
 # in_guest TEST MODULES FILTER…: runs a test binary in a guest with these modules.
