@@ -229,7 +229,7 @@ fn picture_updated_slice_by_slice_has_the_same_bits() {
     for (threads, simd) in settings() {
         let mut growing = reconstructor(false, Settings { threads, simd, ..settings_of_scan.clone() });
         let (name, picture) = pictures().swap_remove(0);
-        let mut renderer = Renderer::new(&RenderSettings { threads, simd, ..picture }, region.clone()).unwrap();
+        let mut renderer = Renderer::new(&RenderSettings { threads, simd, ..picture }, region).unwrap();
         for slice in sweep(false) {
             let touched = growing.insert(&slice).unwrap();
             renderer.update(growing.volume(), &touched.bricks);
