@@ -1,7 +1,7 @@
 # Each target first installs what the machine lacks. scripts/setup.sh names it, and uses sudo when
 # it does not run as root.
 .PHONY: all setup quick style test demo check mutants stress soak bench fuzz peers hardware-test interop \
-	console-test pictures reach arm-session console-cost console-reach paper pareto numbers deb deb-test release \
+	console-test pictures reach arm-session console-cost console-reach paper pareto accuracy numbers deb deb-test release \
 	release-test arm64 deny book fresh-machine sync-cost render-parts python python-bench scale zarr-write
 
 # All targets that test select the same packages. Other selections give dependencies other features,
@@ -243,6 +243,12 @@ pareto: setup
 	"$$(scripts/build.sh pareto)" $(QUICK)
 	$(NUMBERS) record pareto out/pareto/$(QUICK_FOLDER)/figures.json --command "make pareto" \
 		--sources $(RENDERING),crates/phantom,figures/src/bin/pareto
+
+# Measures errors with corrections of poses on and off, over painted sweeps: out/accuracy/index.html.
+accuracy: setup
+	"$$(scripts/build.sh accuracy)" $(QUICK)
+	$(NUMBERS) record accuracy out/accuracy/$(QUICK_FOLDER)/figures.json --command "make accuracy" \
+		--sources crates/core,crates/sync,crates/volume,crates/reconstruct,crates/phantom,figures/src/bin/accuracy
 
 # Writes the measured figures of the documents from their records in docs/numbers. Where measured
 # sources have changed since, the text states the commit of the measurement.

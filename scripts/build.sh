@@ -5,7 +5,7 @@
 # second. SONOWEAVE_RELEASE are cargo's options that select what is built, with the program among
 # it.
 #
-#   scripts/build.sh [sonoweave|paper|pareto|numbers]
+#   scripts/build.sh [sonoweave|paper|pareto|accuracy|numbers]
 set -eu
 cd "$(dirname "$0")/.."
 

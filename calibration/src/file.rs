@@ -77,6 +77,8 @@
 //! [tracker_noise]                   # of a resting sensor, along and about each axis
 //! position_mm = 0.05
 //! rotation_deg = 0.03
+//! fast_position_mm = 0.04           # the part of it from one pose to the next; unknown if missing
+//! fast_rotation_deg = 0.03
 //!
 //! [[transform]]                     # further constant transforms, any number
 //! from = "Phantom"
@@ -98,7 +100,7 @@ use formats::whole::write_whole;
 use sonoweave_core::frames::{Image, Probe, Transform};
 
 use crate::arm::Arm;
-use crate::tracker::noise::TrackerNoise;
+use crate::tracker::noise::RestNoise;
 use crate::tracker::zones::Zones;
 use origin::Origin;
 use preset::Preset;
@@ -154,7 +156,7 @@ pub struct CalibrationFile {
     /// Zones in which metal distorts the tracker's field.
     pub distortion: Option<Zones>,
     /// Noise of a resting sensor.
-    pub tracker_noise: Option<TrackerNoise>,
+    pub tracker_noise: Option<RestNoise>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
     /// Day and inputs of the other results: by the name of a transform, or of the table.

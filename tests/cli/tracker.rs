@@ -4,6 +4,7 @@ use glam::{DAffine3, DQuat, DVec3};
 
 use calibration::file::CalibrationFile;
 use calibration::file::origin::Origin;
+use calibration::tracker::noise::RestNoise;
 use calibration::tracker::zones::{Zone, Zones};
 
 use sonoweave_core::date::Date;
@@ -66,7 +67,10 @@ fn static_sensor_noise_is_reported_and_moving_refused() {
     place.does("calibrate tracker --sequence lying.igs.mha -o cal.toml");
     let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
     let noise = file.tracker_noise.unwrap();
-    assert!((noise.position_mm * 3.0_f64.sqrt() / rms - 1.0).abs() < 1e-9 && noise.rotation_deg >= 0.0, "{noise:?}");
+    let RestNoise { whole, fast } = noise;
+    assert!((whole.position_mm * 3.0_f64.sqrt() / rms - 1.0).abs() < 1e-9 && whole.rotation_deg >= 0.0, "{noise:?}");
+    let fast_rms = report["fast_rms_mm"].as_f64().unwrap();
+    assert!((fast.unwrap().position_mm * 3.0_f64.sqrt() / fast_rms - 1.0).abs() < 1e-9, "{noise:?}");
     place.knows_origin(&file.origins["tracker_noise"], &["lying.igs.mha"]);
 }
 

@@ -23,5 +23,6 @@ mod scanner;
 mod script;
 mod sections;
 mod set;
+mod smoothing;
 mod tracker;
 mod zones;

@@ -24,6 +24,7 @@ use sonoweave_core::named::StaticTransform;
 use sonoweave_core::refusal::Reason;
 use sync::PairingOptions;
 use sync::ingest::live::{Gives, Live};
+use sync::smoothing::Smoothing;
 
 /// Size of all frames, pixels.
 pub(crate) const SIZE: [u32; 2] = [64, 64];
@@ -45,6 +46,8 @@ pub(crate) struct Set {
     pub(crate) plane_viewer: Option<Arc<dyn PlaneViewer>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
     pub(crate) watch: Option<Watch>,
+    /// Smoothing of the poses.
+    pub(crate) smoothing: Option<Smoothing>,
 }
 
 /// Observed status.
@@ -101,6 +104,7 @@ impl Set {
             plane_viewer: None,
             record: None,
             watch: None,
+            smoothing: None,
         }
     }
 
@@ -137,7 +141,8 @@ impl Set {
         mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
     ) -> (Finished, Seen) {
         let (watch, plane_viewer) = (self.watch.clone(), self.plane_viewer.clone());
-        let session = Session { watch, plane_viewer, ..stages(self.wait_ns, self.looks.clone()) };
+        let smoothing = self.smoothing;
+        let session = Session { watch, plane_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
@@ -221,6 +226,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Sessio
         pairing: PairingOptions { statics, ..PairingOptions::default() },
         wait_ns,
         longest_gap_ns: 100 * MS,
+        smoothing: None,
         stuck_after_ns: SECOND / 2,
         mask: MaskSettings { clip: Clip::None, ..MaskSettings::default() },
         settings: Settings::new(DVec3::ONE),

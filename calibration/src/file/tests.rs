@@ -6,6 +6,7 @@ use super::*;
 use crate::arm::{Joint, Sign};
 use crate::error::PresetError;
 use crate::file::origin::Input;
+use crate::tracker::noise::TrackerNoise;
 use crate::tracker::zones::Zone;
 
 fn parse(text: &str) -> Result<CalibrationFile, String> {
@@ -50,7 +51,10 @@ fn full() -> CalibrationFile {
                 .map(|low| Zone { low_mm: low.into(), rms_mm: 2.75 })
                 .to_vec(),
         )),
-        tracker_noise: Some(TrackerNoise { position_mm: 0.051, rotation_deg: 0.03 }),
+        tracker_noise: Some(RestNoise {
+            whole: TrackerNoise { position_mm: 0.051, rotation_deg: 0.03 },
+            fast: Some(TrackerNoise { position_mm: 0.04, rotation_deg: 0.01 }),
+        }),
         transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
         origins: ["arm", "latency", "distortion", "tracker_noise", "Phantom \"1\"ToReference"]
             .map(|name| (name.to_owned(), origin(name)))
@@ -64,6 +68,9 @@ fn full() -> CalibrationFile {
 fn everything_written_is_read_back() {
     assert_eq!(parse(&full().to_text()).unwrap(), full());
     assert_eq!(parse(HEAD).unwrap(), CalibrationFile::default());
+    let bare = RestNoise { fast: None, ..full().tracker_noise.unwrap() };
+    let bare = CalibrationFile { tracker_noise: Some(bare), ..full() };
+    assert_eq!(parse(&bare.to_text()).unwrap(), bare);
 }
 
 #[test]

@@ -13,6 +13,11 @@ pub const LEAST_S: f64 = 5.0;
 /// poses.
 const WANDERS: f64 = 6.0;
 
+/// Least share of the noise from one pose to the next in the whole noise of a sensor that is
+/// smoothed: smoothing leaves the rest as it is. Noise with an autoregressive coefficient of 0.75
+/// has this share.
+pub const LEAST_FAST: f64 = 0.5;
+
 /// Noise of a static sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
@@ -31,6 +36,8 @@ pub struct Noise {
     /// Noise between successive poses, mm, which averaging removes. Less than the whole if the
     /// rest is slow.
     pub fast_rms_mm: f64,
+    /// The same for the rotation, degrees.
+    pub fast_rms_deg: f64,
     /// Largest distance of a pose from the mean, mm.
     pub farthest_mm: f64,
 }
@@ -44,11 +51,34 @@ pub struct TrackerNoise {
     pub rotation_deg: f64,
 }
 
+/// Noise of a resting sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RestNoise {
+    /// The whole noise.
+    pub whole: TrackerNoise,
+    /// The part of it from one pose to the next, which averaging removes; `None` if unknown.
+    pub fast: Option<TrackerNoise>,
+}
+
+impl RestNoise {
+    /// Returns the fast part's share in position and rotation; 1 without noise or if unknown.
+    pub fn fast_shares(&self) -> [f64; 2] {
+        let Self { whole, fast } = self;
+        let Some(fast) = fast else { return [1.0; 2] };
+        let share = |fast: f64, whole: f64| if whole > 0.0 { fast / whole } else { 1.0 };
+        [share(fast.position_mm, whole.position_mm), share(fast.rotation_deg, whole.rotation_deg)]
+    }
+}
+
 impl Noise {
     /// Returns the mean standard deviations along and about an axis (root mean squares).
-    pub fn per_axis(&self) -> TrackerNoise {
+    pub fn per_axis(&self) -> RestNoise {
         let axes = 3.0_f64.sqrt();
-        TrackerNoise { position_mm: self.position_rms_mm / axes, rotation_deg: self.rotation_rms_deg / axes }
+        let per_axis = |mm: f64, deg: f64| TrackerNoise { position_mm: mm / axes, rotation_deg: deg / axes };
+        RestNoise {
+            whole: per_axis(self.position_rms_mm, self.rotation_rms_deg),
+            fast: Some(per_axis(self.fast_rms_mm, self.fast_rms_deg)),
+        }
     }
 }
 
@@ -101,6 +131,7 @@ pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, CalibrationError> {
         rotation_sd_deg: rotation_sd.map(f64::to_degrees),
         rotation_rms_deg: rotation_sd.length().to_degrees(),
         fast_rms_mm,
+        fast_rms_deg: fast_turn.to_degrees(),
         farthest_mm,
     })
 }
@@ -154,6 +185,8 @@ mod tests {
             assert!((found.rotation_sd_deg[k] / 0.03 - 1.0).abs() < 0.03, "{found:?}");
         }
         assert!((found.fast_rms_mm / (0.05 * 3_f64.sqrt()) - 1.0).abs() < 0.03, "{found:?}");
+        assert!((found.fast_rms_deg / (0.03 * 3_f64.sqrt()) - 1.0).abs() < 0.03, "{found:?}");
+        assert!(found.per_axis().fast_shares().iter().all(|share| (share - 1.0).abs() < 0.03), "{found:?}");
         assert!((found.position_mm - DVec3::new(210.0, -40.0, 130.0)).length() < 0.01);
         assert!(found.farthest_mm > 0.15 && found.farthest_mm < 0.4);
     }
@@ -162,6 +195,11 @@ mod tests {
     fn slow_drift_is_separated_from_noise() {
         let found = of(&lying(2000, 0.05, 0.03, 0.3), 40.0).unwrap();
         assert!(found.position_rms_mm > 0.12 && found.fast_rms_mm < 0.09, "{found:?}");
+        let [position, rotation] = found.per_axis().fast_shares();
+        assert!(position < 0.75 && (rotation - 1.0).abs() < 0.1, "{position} {rotation}");
+        let whole = TrackerNoise { position_mm: 0.1, rotation_deg: 0.0 };
+        assert_eq!(RestNoise { whole, fast: None }.fast_shares(), [1.0; 2]);
+        assert_eq!(RestNoise { whole, fast: Some(whole) }.fast_shares(), [1.0; 2]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use calibration::arm::Arm;
 use calibration::file::preset::Preset;
 use calibration::file::record::Record;
 use calibration::file::{CalibrationFile, Latency};
-use calibration::tracker::noise::TrackerNoise;
+use calibration::tracker::noise::RestNoise;
 use calibration::tracker::zones::Zones;
 use mask::{Clip, MaskSettings};
 use sonoweave_core::keys::numbers;
@@ -75,7 +75,7 @@ pub struct Settings {
     pub record: Record,
     /// Noise of the tracker's sensors at rest.
     #[serde(skip)]
-    pub tracker_noise: Option<TrackerNoise>,
+    pub tracker_noise: Option<RestNoise>,
     /// The chosen preset, if the file has presets. It is not serialised: other reports name it.
     #[serde(skip)]
     pub preset: Option<Preset>,

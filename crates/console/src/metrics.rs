@@ -214,6 +214,15 @@ fn frames(to: &mut Exposition, account: &SessionStatus) {
         "Poses whose matrix was no rotation and was replaced by the nearest rotation.",
     )
     .sample(&[], account.ledger.poses_projected as f64);
+    let smoothing = account.smoothing.as_ref();
+    let mut poses = to.counter(
+        "sonoweave_frames_smoothed_total",
+        "Frames whose poses were to be smoothed: smoothed, or interpolated for a reason.",
+    );
+    poses.sample(&[("fate", "smoothed"), ("reason", "")], smoothing.map_or(0.0, |found| found.smoothed as f64));
+    for (reason, frames) in smoothing.iter().flat_map(|found| &found.interpolated) {
+        poses.sample(&[("fate", "interpolated"), ("reason", reason)], *frames as f64);
+    }
     to.gauge(
         "sonoweave_scanner_frozen_seconds",
         "Time for which the scanner has sent the same frame while the probe moved; else 0.",

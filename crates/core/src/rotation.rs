@@ -4,7 +4,7 @@
 //! last bit from one library to another. Those here are rounded correctly. A recorded session thus
 //! replays to the same poses with every build of the program.
 
-use glam::{DQuat, DVec2};
+use glam::{DQuat, DVec2, DVec3};
 
 /// Returns sine and cosine of an angle in radians.
 pub fn sin_cos(angle_rad: f64) -> [f64; 2] {
@@ -32,9 +32,29 @@ pub fn slerp(from: DQuat, to: DQuat, share: f64) -> DQuat {
     (from * before + to * behind) * (1.0 / pxfm::f_sin(angle))
 }
 
+/// Returns a unit quaternion's rotation vector: its axis times its angle, which is from 0 to π.
+pub fn rotation_vector(turn: DQuat) -> DVec3 {
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    let sine = turn.xyz().length();
+    if sine == 0.0 {
+        return DVec3::ZERO;
+    }
+    turn.xyz() * (2.0 * pxfm::f_atan2(sine, turn.w) / sine)
+}
+
+/// Returns the rotation about a vector by its length in radians, as a unit quaternion.
+pub fn of_rotation_vector(vector: DVec3) -> DQuat {
+    let angle = vector.length();
+    if angle == 0.0 {
+        return DQuat::IDENTITY;
+    }
+    let [sine, cosine] = sin_cos(0.5 * angle);
+    let axis = vector * (sine / angle);
+    DQuat::from_xyzw(axis.x, axis.y, axis.z, cosine)
+}
+
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
     use proptest::prelude::*;
 
     use super::*;
@@ -45,6 +65,21 @@ mod tests {
             let [sine, cosine] = sin_cos(angle);
             prop_assert!((sine - angle.sin()).abs() <= 2e-16 && (cosine - angle.cos()).abs() <= 2e-16);
             prop_assert!(direction(angle).distance(DVec2::from_angle(angle)) <= 4e-16);
+        }
+
+        #[test]
+        fn rotation_vectors_are_axis_times_angle(
+            axis in prop::array::uniform3(-1.0..1.0_f64),
+            angle in 0.0..3.1_f64,
+            is_negated: bool,
+        ) {
+            let axis = DVec3::from_array(axis);
+            prop_assume!(axis.length() > 1e-3);
+            let vector = axis.normalize() * angle;
+            let turn = of_rotation_vector(vector);
+            prop_assert!(turn.dot(DQuat::from_scaled_axis(vector)) > 1.0 - 1e-15);
+            let back = rotation_vector(if is_negated { -turn } else { turn });
+            prop_assert!((back - vector).length() < 1e-14, "{back} {vector}");
         }
 
         #[test]

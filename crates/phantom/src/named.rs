@@ -71,6 +71,8 @@ pub enum TrajectoryName {
     /// By hand: wandering, tilting, at uneven speed
     #[default]
     Freehand,
+    /// By an unsteady hand: as by hand, with corrections and tremor
+    Unsteady,
     /// Two parallel sweeps that cross at a right angle, half of the frames each
     Crossing,
     /// A parallel sweep with a pause in its middle: see --dwell
@@ -275,6 +277,7 @@ impl TrajectoryName {
             Self::Parallel => Motion::Parallel,
             Self::Fan => Motion::Fan { axis_distance_mm },
             Self::Freehand => Motion::Freehand,
+            Self::Unsteady => Motion::Unsteady,
             Self::Jittered => Motion::Jittered,
             Self::Rotation => Motion::Rotation { radius_mm },
             Self::Arm => Motion::Arm,

@@ -22,6 +22,8 @@ pub(super) enum Purpose {
     Tracker = 4,
     /// Scatterers of the speckle.
     Speckle = 5,
+    /// Corrections and tremor of the probe's motion.
+    Tremor = 6,
 }
 
 /// A stream of draws.

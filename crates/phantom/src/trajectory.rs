@@ -60,6 +60,8 @@ pub enum Motion {
     Arm,
     /// Freehand: a smoothed random walk of position and tilt, with uneven speed.
     Freehand,
+    /// Freehand, with corrections and tremor of the hand.
+    Unsteady,
     /// Two parallel sweeps through the same place, the first along world z, the second along
     /// world x with u along −z. Each has half of the frames, the first one the odd frame.
     Crossing,
@@ -131,6 +133,7 @@ impl Trajectory {
             }
             Motion::Arm => hand::arm(frames, gap_mm, seed),
             Motion::Freehand => hand::freehand(frames, gap_mm, seed),
+            Motion::Unsteady => hand::unsteady(frames, gap_mm, seed),
             Motion::Crossing => {
                 let second = frames / 2;
                 let across = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
@@ -219,6 +222,8 @@ fn fan_pose(angle: f64, distance: f64) -> DAffine3 {
 
 #[cfg(test)]
 mod tests {
+    use glam::DQuat;
+
     use super::hand::HAND_TILT;
     use super::*;
 
@@ -345,6 +350,32 @@ mod tests {
             let error = Trajectory::new(motion, frames, gap, 0).unwrap_err().to_string();
             assert!(error.len() > 30, "{error}");
         }
+    }
+
+    #[test]
+    fn unsteady_hand_adds_corrections_and_tremor_to_freehand_sweep() {
+        let [steady, unsteady] = [Motion::Freehand, Motion::Unsteady].map(|motion| all(motion, 4000, 0.05, 3));
+        let shifts: Vec<DVec3> = steady.iter().zip(&unsteady).map(|(a, b)| b.translation - a.translation).collect();
+        let turns: Vec<f64> = steady
+            .iter()
+            .zip(&unsteady)
+            .map(|(a, b)| DQuat::from_mat3(&(b.matrix3 * a.matrix3.transpose())).to_scaled_axis().length_squared())
+            .collect();
+        let rms = |sum: f64| (sum / 4000.0).sqrt();
+        let shift = rms(shifts.iter().map(|shift| shift.length_squared()).sum());
+        let turn = rms(turns.iter().sum()).to_degrees();
+        // Three axes of 0.055 mm and 0.10°.
+        assert!((shift / 0.095 - 1.0).abs() < 0.25 && (turn / 0.181 - 1.0).abs() < 0.25, "{shift} {turn}");
+        // Second differences over 0.05 mm are those of the tremor: (2 π 0.05 / 1.2)² of it.
+        let bend = rms(shifts.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).length_squared()).sum());
+        assert!((0.001..0.006).contains(&bend), "{bend}");
+        // The corrections and the tremor do not depend on the gap.
+        let coarse: Vec<DVec3> = [Motion::Freehand, Motion::Unsteady]
+            .map(|motion| all(motion, 401, 0.5, 3))
+            .map(|poses| poses[200].translation)
+            .to_vec();
+        let fine = [Motion::Freehand, Motion::Unsteady].map(|motion| all(motion, 4001, 0.05, 3)[2000].translation);
+        assert!(((coarse[1] - coarse[0]) - (fine[1] - fine[0])).length() < 1e-9);
     }
 
     #[test]

@@ -340,6 +340,19 @@ impl PoseHistory {
         let share = if is_exact { 0.0 } else { (time_ns - about[0].time_ns) as f64 / gap_ns as f64 };
         Ok(Found { about, beyond, share, how })
     }
+
+    /// Returns the usable samples from one time to another, both included, in their order. One with
+    /// the pose of the one before is a repeat, and left out.
+    pub(crate) fn distinct(&self, from_ns: i64, until_ns: i64) -> Vec<&PoseSample> {
+        let mut distinct: Vec<&PoseSample> = Vec::new();
+        let within = self.samples.range(self.place(from_ns)..self.place(until_ns.saturating_add(1)));
+        for sample in within.filter(|sample| sample.invalid.is_none() && !sample.flags.has(TimeFlags::LOST)) {
+            if distinct.last().is_none_or(|last| last.pose != sample.pose) {
+                distinct.push(sample);
+            }
+        }
+        distinct
+    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! - [`ingest`]: readings to samples in mm, rad and host time.
 //! - [`pairing`]: gives images their poses, by the transforms of their stamp or by poses around
 //!   their time.
+//! - [`smoothing`]: smoothed poses, where interpolation would pass the noise of two samples on.
 //! - [`mod@survey`]: a pass over a recording's transforms before its images are read.
 
 pub mod clock;
@@ -15,6 +16,7 @@ pub mod graph;
 pub mod history;
 pub mod ingest;
 pub mod pairing;
+pub mod smoothing;
 pub mod survey;
 
 pub use graph::{NoPath, Route};

@@ -85,6 +85,7 @@ pub(crate) fn stages(bedside: &Bedside, client: Option<Arc<dyn ViewClient>>) -> 
         pairing: bedside.pairing_options(),
         wait_ns: bedside.pairing.wait_ns,
         longest_gap_ns: bedside.pairing.longest_gap_ns,
+        smoothing: bedside.pairing.smoothing,
         stuck_after_ns: bedside.scanner.stuck_after_ns,
         mask: bedside.mask,
         settings: bedside.volume.settings.clone(),

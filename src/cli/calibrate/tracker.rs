@@ -9,7 +9,7 @@ use serde::Serialize;
 use calibration::file::CalibrationFile;
 use calibration::file::origin::Origin;
 use calibration::tracker::distortion::Map;
-use calibration::tracker::noise::Noise;
+use calibration::tracker::noise::{LEAST_FAST, Noise};
 use calibration::tracker::zones::Zones;
 use sonoweave_core::date::Date;
 
@@ -55,6 +55,7 @@ struct NoiseReport<'a> {
     rotation_sd_deg: [f64; 3],
     rotation_rms_deg: f64,
     fast_rms_mm: f64,
+    fast_rms_deg: f64,
     farthest_mm: f64,
 }
 
@@ -101,9 +102,17 @@ impl Calibrate for Arguments {
     }
 }
 
+/// Returns a warning if smoothing would leave most of the noise; it ends a line.
+fn slow(found: &Noise) -> &'static str {
+    match found.per_axis().fast_shares().into_iter().fold(1.0, f64::min) < LEAST_FAST {
+        true => ".\nThe rest is slow, and more than half: a configuration with smoothing_ms is refused",
+        false => "",
+    }
+}
+
 impl Arguments {
     fn noise(&self, path: &Path, counts: &Counts, found: &Noise) -> Result<Done, Failure> {
-        let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = *found;
+        let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, fast_rms_deg, farthest_mm, .. } = *found;
         let input = Input::of(path)?;
         let provenance = format!("{} of {}, {position_rms_mm:.3} mm", self.options.sensor, input.name());
         let origin = self.outputs.origin([&input]);
@@ -119,6 +128,7 @@ impl Arguments {
             rotation_sd_deg: found.rotation_sd_deg.to_array(),
             rotation_rms_deg,
             fast_rms_mm,
+            fast_rms_deg,
             farthest_mm,
         };
         let change = |file: &mut CalibrationFile| {
@@ -135,7 +145,7 @@ impl Arguments {
         format!(
             "{} lay at {} mm in {} for {} poses{}\n\
              noise {:.3} mm (x, y, z {}), {:.3}° (about x, y, z {}), one standard deviation; at most {:.3} mm from the mean\n\
-             noise from one pose to the next {:.3} mm, which averaging removes\n",
+             noise from one pose to the next {:.3} mm and {:.3}°, which smoothing averages out{}\n",
             self.options.sensor,
             place(found.position_mm),
             self.options.tracker,
@@ -146,7 +156,9 @@ impl Arguments {
             found.rotation_rms_deg,
             three(found.rotation_sd_deg),
             found.farthest_mm,
-            found.fast_rms_mm
+            found.fast_rms_mm,
+            found.fast_rms_deg,
+            slow(found)
         )
     }
 

@@ -168,7 +168,9 @@ impl Bedside {
         mask.clip = clip.unwrap_or(mask.clip);
         mask.fan = fan.or(mask.fan);
 
-        let pairing = Pairing::read(Reader::new(path, Some(root), "pairing", &mut effective)?)?;
+        let is_arm = matches!(tracking, Tracking::Arm(_));
+        let pairing = Reader::new(path, Some(root), "pairing", &mut effective)?;
+        let pairing = Pairing::read(pairing, is_arm, calibration.tracker_noise)?;
         let scanner =
             Scanner::read(Reader::new(path, Some(root), "scanner", &mut effective)?, calibration.preset.as_ref())?;
         let volume = Volume::read(Reader::new(path, Some(root), "volume", &mut effective)?, &calibration)?;

@@ -21,7 +21,8 @@ impl Bedside {
         });
         let calibration = &self.calibration;
         let fitted = || calibration.record.quality.and_then(|quality| quality.sensors);
-        given.or(simulated).or(calibration.tracker_noise).or_else(fitted)
+        let resting = calibration.tracker_noise.map(|noise| noise.whole);
+        given.or(simulated).or(resting).or_else(fitted)
     }
 }
 

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use ipnet::IpNet;
 
 use calibration::file::preset::{Preset, Ruler};
+use calibration::tracker::noise::{LEAST_FAST, RestNoise};
+use sync::smoothing::Smoothing;
 
 use super::reader::Reader;
 use super::schema::{self, values::ns};
@@ -20,12 +22,41 @@ pub struct Pairing {
     pub wait_ns: i64,
     /// Longest time between two poses for interpolation, ns.
     pub longest_gap_ns: i64,
+    /// Smoothing of a tracker's poses; `None` if they are interpolated.
+    pub smoothing: Option<Smoothing>,
 }
 
+/// Shortest time before and after a frame over which poses are smoothed, ms: six poses of a
+/// tracker with 60 a second.
+const LEAST_SMOOTHING_MS: f64 = 50.0;
 impl Pairing {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, Error> {
-        let schema::session::Pairing { wait_ms, longest_gap_ms } = keys.read()?;
-        Ok(Self { wait_ns: ns(wait_ms), longest_gap_ns: ns(longest_gap_ms) })
+    /// Reads the section. Smoothing is refused for an arm, and for a resting sensor's noise that it
+    /// would not lower.
+    pub(super) fn read(mut keys: Reader<'_, '_>, is_arm: bool, noise: Option<RestNoise>) -> Result<Self, Error> {
+        const KEY: &str = "smoothing_ms";
+        let schema::session::Pairing { wait_ms, longest_gap_ms, smoothing_ms, smoothing_ahead_ms } = keys.read()?;
+        let smoothing = (smoothing_ms > 0.0)
+            .then(|| Smoothing { half_width_ns: ns(smoothing_ms), ahead_ns: ns(smoothing_ahead_ms) });
+        if smoothing.is_some() && is_arm {
+            let why = "an arm's encoders have no noise that smoothing would average out; delete the key";
+            return Err(keys.error(KEY, why));
+        }
+        if smoothing.is_some() && smoothing_ms < LEAST_SMOOTHING_MS {
+            let why = format!("must be 0 or at least {LEAST_SMOOTHING_MS}: fewer poses average nothing out");
+            return Err(keys.error(KEY, why));
+        }
+        let [position, rotation] = noise.map_or([1.0; 2], |noise| noise.fast_shares());
+        if smoothing.is_some() && position.min(rotation) < LEAST_FAST {
+            let why = format!(
+                "the calibration file says that the resting sensor's noise is slow: from one pose to the next are \
+                 only {:.0} % of the position's and {:.0} % of the rotation's. Smoothing would leave the rest, and \
+                 state too small an error; delete the key",
+                100.0 * position,
+                100.0 * rotation
+            );
+            return Err(keys.error(KEY, why));
+        }
+        Ok(Self { wait_ns: ns(wait_ms), longest_gap_ns: ns(longest_gap_ms), smoothing })
     }
 }
 
@@ -162,6 +193,8 @@ impl Process {
 mod tests {
     use std::path::Path;
 
+    use sync::smoothing::Smoothing;
+
     use super::super::Bedside;
 
     fn with_allow(list: &str) -> Result<Bedside, String> {
@@ -170,6 +203,55 @@ mod tests {
              [grabber]\ndevice = \"virtual\"\n[igtl]\nallow = {list}\n"
         );
         Bedside::parse(Path::new("bed.toml"), &text).map_err(|error| error.to_string())
+    }
+
+    /// A session with a real tracker, this pairing, and this noise of a resting sensor in its
+    /// calibration file.
+    fn smoothed(pairing: &str, noise: &str) -> Result<Option<Smoothing>, String> {
+        let text = format!(
+            "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"/dev/ttyUSB0\"\n\
+             [grabber]\ndevice = \"/dev/video0\"\n[calibration]\nfile = \"probe.toml\"\n[pairing]\n{pairing}\n"
+        );
+        let probe = format!(
+            "format = \"sonoweave-calibration\"\nversion = 1\n[image_to_probe]\nmatrix = [0.1, 0, 0, 0, 0, 0.1, 0, 0, 0, 0, \
+             0.1, 0, 0, 0, 0, 1]\n{noise}"
+        );
+        let texts = [("bed.toml".into(), text), ("probe.toml".into(), probe)];
+        let read = Bedside::of_texts(Path::new("bed.toml"), texts.into_iter().collect());
+        read.map(|bedside| bedside.pairing.smoothing).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn smoothing_is_off_by_default_and_read_in_ms() {
+        assert_eq!(smoothed("", ""), Ok(None));
+        assert_eq!(smoothed("smoothing_ms = 0\nsmoothing_ahead_ms = 100", ""), Ok(None));
+        let found = smoothed("smoothing_ms = 250", "").unwrap().unwrap();
+        assert_eq!(found, Smoothing { half_width_ns: 250_000_000, ahead_ns: 33_000_000 });
+        let found = smoothed("smoothing_ms = 250\nsmoothing_ahead_ms = 250", "").unwrap().unwrap();
+        assert_eq!(found.ahead_ns, 250_000_000);
+        let fast = "[tracker_noise]\nposition_mm = 0.1\nrotation_deg = 0.1\nfast_position_mm = 0.06\nfast_rotation_deg = 0.09\n";
+        assert!(smoothed("smoothing_ms = 250", fast).unwrap().is_some());
+    }
+
+    #[test]
+    fn smoothing_that_would_be_wrong_is_refused_with_reason() {
+        let slow = "[tracker_noise]\nposition_mm = 0.2\nrotation_deg = 0.1\nfast_position_mm = 0.05\nfast_rotation_deg = 0.09\n";
+        assert_eq!(smoothed("", slow), Ok(None), "without smoothing it does not matter");
+        let refused = smoothed("smoothing_ms = 250", slow).unwrap_err();
+        assert!(
+            refused.starts_with("bed.toml: pairing.smoothing_ms (line 11): the calibration file says that the resting")
+                && refused.contains("only 25 % of the position's and 90 % of the rotation's")
+                && refused.ends_with("delete the key"),
+            "{refused}"
+        );
+        let refused = smoothed("smoothing_ms = 49", "").unwrap_err();
+        assert!(refused.contains("pairing.smoothing_ms (line 11): must be 0 or at least 50"), "{refused}");
+        let refused = smoothed("smoothing_ms = 5000", "").unwrap_err();
+        assert!(refused.contains("pairing.smoothing_ms (line 11)") && refused.contains("1000"), "{refused}");
+        let arm = "format = \"sonoweave-bedside\"\nversion = 1\n[arm]\nkind = \"ea1\"\nport = \"virtual\"\n[grabber]\n\
+                   device = \"virtual\"\n[pairing]\nsmoothing_ms = 250\n";
+        let refused = Bedside::parse(Path::new("bed.toml"), arm).unwrap_err().to_string();
+        assert!(refused.contains("pairing.smoothing_ms (line 9): an arm's encoders have no noise"), "{refused}");
     }
 
     #[test]

@@ -148,7 +148,7 @@ fn examples_give_device_settings() {
     assert_eq!((&tracker.port, tracker.settings.hemisphere), (&Some(Port::Usb(None)), [0.0; 3]));
     let decay = Decay::DeadTime { rate_per_s: 1.0, wait_s: 2.0 };
     assert_eq!(liberty.volume.settings.compounding, Compounding::Decay(decay));
-    assert_eq!(liberty.pairing, Pairing { wait_ns: 150_000_000, longest_gap_ns: 50_000_000 });
+    assert_eq!(liberty.pairing, Pairing { wait_ns: 150_000_000, longest_gap_ns: 50_000_000, smoothing: None });
 
     let arm = example("arm.toml");
     let Tracking::Arm(own) = &arm.tracking else { panic!("an arm") };

@@ -1,8 +1,10 @@
 //! Freehand and arm sweeps: smooth random walks about a straight sweep.
 
+use std::f64::consts::TAU;
+
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::elementary::exp;
+use crate::elementary::{exp, sin_cos};
 use crate::random::{Draws, Purpose};
 
 /// Correlation length of the deviation along the sweep, mm (σ of the smoothing).
@@ -15,6 +17,61 @@ pub(super) const HAND_TILT: f64 = 0.052;
 const ARM_TURN: f64 = 2.0;
 /// Relative standard deviation of the speed.
 const HAND_SPEED: f64 = 0.35;
+
+/// Parts of an unsteady hand's motion: wavelengths along the sweep, mm; standard deviations along
+/// (mm) and about (rad) each axis.
+struct Unsteady {
+    wavelengths_mm: [f64; 2],
+    position_mm: f64,
+    tilt: f64,
+}
+
+/// Waves of a part.
+const WAVES: usize = 8;
+/// Corrections, and tremor of 0.04 mm and 0.05° over all axes. At 10.5 mm/s, corrections are from
+/// 0.4 to 2 Hz and tremor from 7 to 11 Hz (Riviere, Rader & Khosla, IEEE EMBS 1997: below 2 Hz lies
+/// nearly all voluntary motion of a hand, and a tremor of tens of micrometres above).
+const UNSTEADY: [Unsteady; 2] = [
+    Unsteady { wavelengths_mm: [5.25, 26.25], position_mm: 0.05, tilt: 1.75e-3 },
+    Unsteady { wavelengths_mm: [0.955, 1.5], position_mm: 0.023, tilt: 5.0e-4 },
+];
+
+/// Returns a freehand sweep along z with corrections and tremor of the hand, as smooth functions of
+/// the distance swept. The same seed gives the same motion for any gap.
+pub(super) fn unsteady(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
+    let mut draws = Draws::new(seed, Purpose::Tremor, 0);
+    // Each has a reciprocal wavelength, a phase and a direction, for shift and tilt.
+    let waves: Vec<_> = UNSTEADY
+        .iter()
+        .flat_map(|part| {
+            let [short, long] = part.wavelengths_mm;
+            let size = (6.0 / WAVES as f64).sqrt();
+            let kinds = [part.position_mm, part.tilt].map(|sd| size * sd);
+            std::iter::repeat_n((short, long, kinds), WAVES)
+        })
+        .map(|(short, long, kinds)| {
+            kinds.map(|size| {
+                let per_mm = draws.uniform(1.0 / long, 1.0 / short);
+                let phase = draws.uniform(0.0, 1.0);
+                let direction = DVec3::new(draws.normal(), draws.normal(), draws.normal()).normalize();
+                (per_mm, phase, direction * size)
+            })
+        })
+        .collect();
+    let steady = freehand(frames, gap_mm, seed);
+    let from_middle = |frame: usize| (frame as f64 - 0.5 * f64::from(frames - 1)) * gap_mm;
+    let moved = steady.into_iter().enumerate().map(|(frame, pose)| {
+        let mut moved = [DVec3::ZERO; 2];
+        for wave in &waves {
+            for ((per_mm, phase, size), moved) in wave.iter().zip(&mut moved) {
+                *moved += *size * sin_cos((from_middle(frame) * per_mm + phase).rem_euclid(1.0) * TAU).0;
+            }
+        }
+        let [shift, tilt] = moved;
+        DAffine3 { matrix3: small_turn(tilt * 0.5) * pose.matrix3, translation: pose.translation + shift }
+    });
+    moved.collect()
+}
 
 /// Returns a freehand sweep along z. Its mean speed is exact; wobble, tilt and speed vary
 /// smoothly about their means.

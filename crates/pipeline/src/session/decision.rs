@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::pairing::timed::{FrameTime, Placed};
@@ -25,20 +26,27 @@ pub(super) struct PlacedFrame {
     pub(super) gap_ns: i64,
     /// Possible error at a corner of the image, mm; `None` if unknown.
     pub(super) error_mm: Option<f64>,
+    /// Pixels to world mm by interpolated poses, if they are smoothed: three rows of four.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) interpolated: Option<[f64; 12]>,
+}
+
+fn rows(of: &Transform<World, Image>) -> [f64; 12] {
+    let mut rows = [0.0; 12];
+    rows.copy_from_slice(&of.to_rows()[..12]);
+    rows
 }
 
 impl PlacedFrame {
     pub(super) fn new(item: u64, frame: &FrameTime, placed: &Placed) -> Self {
-        let rows = placed.world_from_image.to_rows();
-        let mut world_from_image = [0.0; 12];
-        world_from_image.copy_from_slice(&rows[..12]);
         Self {
             frame: item,
             time_ns: frame.time_ns,
-            world_from_image,
+            world_from_image: rows(&placed.world_from_image),
             bound_ns: frame.bound_ns,
             gap_ns: placed.how.gap_ns(),
             error_mm: Some(placed.error_mm).filter(|mm| mm.is_finite()),
+            interpolated: placed.smoothing.as_ref().map(|effect| rows(&effect.interpolated)),
         }
     }
 

@@ -11,11 +11,12 @@ use sonoweave_core::slice::{Image, Slice};
 use sync::history::Unavailable;
 use sync::ingest::Picture;
 use sync::ingest::live::{Live, LiveIngest};
-use sync::pairing::timed::{Answered, FrameTime, TimedPairing, Unplaced};
+use sync::pairing::timed::{Answered, FrameTime, Placed, TimedPairing, Unplaced};
 
 use super::common::Common;
 use super::event::{ADVANCE_EVERY_NS, CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent};
 use super::insertion_thread::{InsertMessage, Posed, Times};
+use super::smoothing::SensorNoise;
 use super::stuck::StuckDetector;
 use super::turns::Stage;
 use super::zones::Guard;
@@ -220,6 +221,7 @@ impl<'a> Pairing<'a> {
             Ok(placed) => {
                 self.common.status.stuck(None);
                 self.common.placed(item, &frame, &placed);
+                self.count_smoothing(&placed);
                 self.watch(&frame);
                 if let Some(queue) = self.common.decisions.and_then(|decisions| decisions.was_dropped(item)) {
                     return self.common.drop_before(queue, item);
@@ -241,6 +243,18 @@ impl<'a> Pairing<'a> {
             }
         };
         self.common.refuse(&refusal);
+    }
+
+    /// Counts a frame's smoothing, and sometimes estimates the sensors' noise.
+    fn count_smoothing(&self, placed: &Placed) {
+        let Some(effect) = &placed.smoothing else { return };
+        let is_due = self.common.status.lock().smoothing.get_or_insert_default().count(effect);
+        if is_due {
+            let sensors = self.frames.iter().enumerate();
+            let noise = sensors.filter_map(|(at, sensor)| SensorNoise::of(sensor, self.timed.history(at)?));
+            let noise = noise.collect();
+            self.common.status.lock().smoothing.get_or_insert_default().sensors = noise;
+        }
     }
 
     /// Checks whether a frame was taken where the tracker's field is distorted.

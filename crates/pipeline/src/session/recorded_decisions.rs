@@ -221,7 +221,15 @@ mod tests {
     fn placed(frame: u64, x: f64) -> PlacedFrame {
         let mut world_from_image = [0.5; 12];
         world_from_image[3] = x;
-        PlacedFrame { frame, time_ns: 7, world_from_image, bound_ns: 1, gap_ns: 2, error_mm: Some(0.1) }
+        PlacedFrame {
+            frame,
+            time_ns: 7,
+            world_from_image,
+            bound_ns: 1,
+            gap_ns: 2,
+            error_mm: Some(0.1),
+            interpolated: None,
+        }
     }
 
     fn decisions() -> RecordedDecisions {

@@ -12,6 +12,7 @@ use sonoweave_core::frames::{Image, Transform, World};
 use sync::PairingOptions;
 use sync::ingest::live::{Gives, LiveIngest};
 use sync::pairing::timed::{Source as PoseSource, TimedOptions, TimedPairing};
+use sync::smoothing::Smoothing;
 use sync::survey::gap;
 
 use super::common::Common;
@@ -41,6 +42,8 @@ pub struct Session {
     pub wait_ns: i64,
     /// Longest time between two poses that are interpolated, ns.
     pub longest_gap_ns: i64,
+    /// Smoothing of the trackers' poses; `None` if they are interpolated.
+    pub smoothing: Option<Smoothing>,
     /// Time of equal frames at changing poses after which the scanner counts as stuck, ns.
     pub stuck_after_ns: i64,
     /// The frame's data region.
@@ -124,6 +127,7 @@ impl Session {
             pairing,
             wait_ns,
             longest_gap_ns: PoseSource::new("", "").longest_gap_ns,
+            smoothing: None,
             stuck_after_ns: i64::MAX,
             mask,
             settings,
@@ -203,10 +207,16 @@ impl Session {
 
     /// Returns the pose sources, device by device.
     fn sources<'d>(&self, devices: impl Iterator<Item = &'d DeviceRole>) -> Vec<PoseSource> {
-        let frames = devices.flat_map(|device| &device.frames);
-        frames
-            .map(|[from, to]| PoseSource { longest_gap_ns: self.longest_gap_ns, ..PoseSource::new(from, to) })
-            .collect()
+        let source = |DeviceRole { gives, frames, .. }: &'d DeviceRole| {
+            // An arm's encoders have no noise.
+            let smoothing = self.smoothing.filter(|_| !matches!(gives, Gives::Arm { .. }));
+            frames.iter().map(move |[from, to]| PoseSource {
+                longest_gap_ns: self.longest_gap_ns,
+                smoothing,
+                ..PoseSource::new(from, to)
+            })
+        };
+        devices.flat_map(source).collect()
     }
 
     pub(super) fn timed<'d>(

@@ -25,6 +25,7 @@ use super::priority::SchedulingGrant;
 use super::recorder::{Recording, Unwritten};
 use super::render_thread::Drawn;
 use super::shared_volume::VolumeExtent;
+use super::smoothing::SmoothingStatus;
 use super::timing::Spread;
 use super::turns::{StageTurns, Turns};
 use super::zones::InZones;
@@ -114,6 +115,8 @@ pub struct SessionStatus {
     /// does not.
     #[serde(rename = "frozen_s")]
     pub stuck_s: Option<f64>,
+    /// Frames by the smoothing of their poses; `None` if they are interpolated.
+    pub smoothing: Option<SmoothingStatus>,
     /// Frames taken where the tracker's field is distorted; `None` without zones.
     pub distortion: Option<InZones>,
     /// The volume's extent, once it has slices.

@@ -31,7 +31,7 @@ mod publish;
 mod rate;
 mod settings;
 #[cfg(test)]
-mod simulation;
+pub(crate) mod simulation;
 #[cfg(test)]
 mod tests;
 mod watch;

@@ -21,6 +21,7 @@ use super::PairingOptions;
 use crate::clock::{TimeFlags, Timed};
 use crate::graph::{Edge, Names, NoPath, Route};
 use crate::history::{How, PoseHistory, PoseSample, Rigid, Unavailable};
+use crate::smoothing::{NotSmoothed, Smoothing, smoothed};
 
 /// A source of poses: a tracker's station, or an arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,12 +36,21 @@ pub struct Source {
     pub noise_mm: f64,
     /// Orientation error, likewise, rad; 0 if unknown.
     pub noise_rad: f64,
+    /// Smoothing of its poses; `None` if they are interpolated.
+    pub smoothing: Option<Smoothing>,
 }
 
 impl Source {
-    /// Returns a source for a frame tracked in another, with unknown noise.
+    /// Returns a source for a frame tracked in another, with unknown noise, not smoothed.
     pub fn new(from: &str, to: &str) -> Self {
-        Self { from: from.into(), to: to.into(), longest_gap_ns: 100_000_000, noise_mm: 0.0, noise_rad: 0.0 }
+        Self {
+            from: from.into(),
+            to: to.into(),
+            longest_gap_ns: 100_000_000,
+            noise_mm: 0.0,
+            noise_rad: 0.0,
+            smoothing: None,
+        }
     }
 }
 
@@ -52,7 +62,7 @@ pub struct TimedOptions {
     /// Sources of poses.
     pub sources: Vec<Source>,
     /// Longest wait of a frame, ns: the trackers' greatest latency plus a period, with a
-    /// margin.
+    /// margin. A frame waits longer by the time that smoothing looks ahead.
     pub wait_ns: i64,
     /// Largest number of waiting frames.
     pub most_waiting: usize,
@@ -105,6 +115,22 @@ pub struct Placed {
     pub error_mm: f64,
     /// Flags of the times used.
     pub flags: TimeFlags,
+    /// The effect of smoothing; `None` if no source is smoothed.
+    pub smoothing: Option<SmoothingEffect>,
+}
+
+/// Effect of smoothing on a frame's pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SmoothingEffect {
+    /// Maps pixels to world mm by interpolated poses.
+    pub interpolated: Transform<World, Image>,
+    /// Largest distance of a corner of the image from its interpolated place, mm.
+    pub moved_mm: f64,
+    /// Root mean square error of a corner, mm, the largest of the four: the standard errors of the
+    /// smoothed poses with their lever arms, if their noise is white.
+    pub error_mm: f64,
+    /// Reason why a source's pose is interpolated nevertheless.
+    pub not_smoothed: Option<NotSmoothed>,
 }
 
 fn as_text<S: Serializer>(name: &Arc<str>, to: S) -> Result<S::Ok, S::Error> {
@@ -224,10 +250,15 @@ impl<T> TimedPairing<T> {
     /// Returns the first waiting frame if its wait has ended. Call until `None`.
     pub fn next(&mut self, now_ns: i64) -> Option<Answered<T>> {
         let first = self.waiting.front()?;
+        let may_wait = now_ns.saturating_sub(first.since_ns) < self.wait_ns();
+        // A pose before the end of its wait would be computed in vain.
+        if may_wait && !self.reaches_ahead(first.frame.time_ns) {
+            return None;
+        }
         let answer = self.place(&first.frame);
         let may_change =
             matches!(&answer, Err(Unplaced::Pose { why: Unavailable::After { .. } | Unavailable::Nothing, .. }));
-        if may_change && now_ns.saturating_sub(first.since_ns) < self.options.wait_ns {
+        if may_change && may_wait {
             return None;
         }
         let first = self.waiting.pop_front()?;
@@ -236,7 +267,28 @@ impl<T> TimedPairing<T> {
 
     /// Time at which the first waiting frame has waited long enough, host ns.
     pub fn deadline_ns(&self) -> Option<i64> {
-        self.waiting.front().map(|first| first.since_ns.saturating_add(self.options.wait_ns))
+        self.waiting.front().map(|first| first.since_ns.saturating_add(self.wait_ns()))
+    }
+
+    /// The sources between image and world that are smoothed, and their settings.
+    fn smoothed(&self) -> impl Iterator<Item = (usize, &Smoothing)> {
+        self.route.steps.iter().filter_map(|step| match step.edge {
+            Edge::PerFrame(index) => Some((index, self.options.sources[index].smoothing.as_ref()?)),
+            Edge::Static(_) => None,
+        })
+    }
+
+    /// Longest wait of a frame, ns.
+    fn wait_ns(&self) -> i64 {
+        let ahead_ns = self.smoothed().map(|(_, smoothing)| smoothing.until_ns(0)).max();
+        self.options.wait_ns.saturating_add(ahead_ns.unwrap_or(0))
+    }
+
+    /// Whether all samples have come that smoothing uses at a time.
+    fn reaches_ahead(&self, time_ns: i64) -> bool {
+        self.smoothed().all(|(index, smoothing)| {
+            self.histories[index].newest_ns().is_some_and(|newest_ns| newest_ns >= smoothing.until_ns(time_ns))
+        })
     }
 
     /// Answers the first waiting frame with the poses at hand, at the end of a stream.
@@ -257,16 +309,18 @@ impl<T> TimedPairing<T> {
         }
         let mut missing = None;
         let [right, bottom] = frame.size.map(|n| f64::from(n) - 1.0);
-        let mut corners =
-            [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|[u, v]| DVec3::new(u, v, 0.0));
+        let in_image = [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|[u, v]| DVec3::new(u, v, 0.0));
+        let mut corners = in_image;
         let mut errors = [0.0; 4];
-        let mut world_from_image = DAffine3::IDENTITY;
+        let (mut world_from_image, mut interpolated) = (DAffine3::IDENTITY, DAffine3::IDENTITY);
+        // Variances of the corners by the standard errors of smoothed poses, mm².
+        let (mut variances, mut not_smoothed) = ([0.0; 4], None);
         let (mut how, mut flags) = (How::Exact, frame.flags);
         for step in &self.route.steps {
-            let affine = match step.edge {
+            let [affine, between] = match step.edge {
                 Edge::Static(index) => {
                     let affine = self.options.pairing.statics[index].affine;
-                    if step.inverted { affine.inverse() } else { affine }
+                    [if step.inverted { affine.inverse() } else { affine }; 2]
                 }
                 Edge::PerFrame(index) => {
                     let found = match self.histories[index].at(frame.time_ns) {
@@ -287,23 +341,51 @@ impl<T> TimedPairing<T> {
                     flags |= found.about[0].flags | found.about[1].flags;
                     let walked = |pose: &Rigid| if step.inverted { pose.inverse() } else { *pose };
                     let source = &self.options.sources[index];
+                    let lever = |corner: &DVec3| {
+                        if step.inverted { *corner - found.about[0].pose.position_mm } else { *corner }.length()
+                    };
                     for (corner, error) in corners.iter().zip(&mut errors) {
-                        let lever = if step.inverted { *corner - found.about[0].pose.position_mm } else { *corner };
                         *error += found.error_mm(frame.bound_ns, |pose| walked(pose).point(*corner))
                             + source.noise_mm
-                            + source.noise_rad * lever.length();
+                            + source.noise_rad * lever(corner);
                     }
-                    walked(&found.pose()).affine()
+                    let between = found.pose();
+                    let settings = source.smoothing.as_ref();
+                    let pose = match settings.map(|settings| smoothed(&self.histories[index], frame.time_ns, settings))
+                    {
+                        None => between,
+                        Some(Ok(smoothed)) => {
+                            for (corner, variance) in corners.iter().zip(&mut variances) {
+                                *variance += smoothed.variance_mm2(lever(corner));
+                            }
+                            smoothed.pose
+                        }
+                        Some(Err(why)) => {
+                            not_smoothed.get_or_insert(why);
+                            between
+                        }
+                    };
+                    [pose, between].map(|pose| walked(&pose).affine())
                 }
             };
             corners = corners.map(|corner| affine.transform_point3(corner));
             world_from_image = affine * world_from_image;
+            interpolated = between * interpolated;
         }
         if let Some(missing) = missing {
             return Err(missing);
         }
-        let error_mm = errors.into_iter().fold(0.0, f64::max);
-        Ok(Placed { world_from_image: Transform::from_affine(world_from_image), how, error_mm, flags })
+        let most = |each: [f64; 4]| each.into_iter().fold(0.0, f64::max);
+        let moved =
+            in_image.map(|at| (world_from_image.transform_point3(at) - interpolated.transform_point3(at)).length());
+        let smoothing = self.smoothed().next().map(|_| SmoothingEffect {
+            interpolated: Transform::from_affine(interpolated),
+            moved_mm: most(moved),
+            error_mm: most(variances).sqrt(),
+            not_smoothed,
+        });
+        let world_from_image = Transform::from_affine(world_from_image);
+        Ok(Placed { world_from_image, how, error_mm: most(errors), flags, smoothing })
     }
 
     /// Returns the map from pixels to world mm for given poses of the sources, by their indices;

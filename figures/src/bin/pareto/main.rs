@@ -158,7 +158,8 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
         "### The machine\n\n{machine}; load average {load_before} before, {} after (anything above 0 slows what is measured, two threads most).\n",
         load()
     ));
-    let right = report.finish(folder)?;
+    let right =
+        report.finish("Run time against error", "All rows are in <a href=\"rows.csv\">rows.csv</a>.", folder)?;
     println!(
         "{:.0} s; all rows, tables, pictures and index.html in {}",
         start.elapsed().as_secs_f64(),

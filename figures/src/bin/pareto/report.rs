@@ -25,17 +25,18 @@ impl Report {
         self.findings.wrong(what);
     }
 
-    /// Writes the Markdown and the page; returns whether everything was right.
+    /// Writes the Markdown, and the page with `more` in its introduction. Returns whether all was
+    /// right.
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub(crate) fn finish(self, folder: &Path) -> Result<bool, Box<dyn Error>> {
+    pub(crate) fn finish(self, title: &str, more: &str, folder: &Path) -> Result<bool, Box<dyn Error>> {
         fs::write(folder.join("table.md"), self.sections.join("\n"))?;
         let safe = self.sections.join("\n").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let text = format!(
-            "<p>The tables are in <a href=\"table.md\">table.md</a>, all rows in <a href=\"rows.csv\">rows.csv</a>.</p>\n<details><summary>Tables</summary><pre>{safe}</pre></details>"
+            "<p>The tables are in <a href=\"table.md\">table.md</a>. {more}</p>\n<details><summary>Tables</summary><pre>{safe}</pre></details>"
         );
-        fs::write(folder.join("index.html"), files::page("Run time against error", &text, self.findings.figures()))?;
+        fs::write(folder.join("index.html"), files::page(title, &text, self.findings.figures()))?;
         Ok(self.findings.report())
     }
 }

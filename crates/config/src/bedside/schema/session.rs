@@ -52,6 +52,14 @@ pub(crate) struct Pairing {
     #[schemars(range(min = 1, max = 10_000))]
     #[default(100.0)]
     pub(crate) longest_gap_ms: f64,
+    /// Time before and after a frame over which a tracker's poses are smoothed; 0: interpolation
+    /// between two poses. Only white noise is averaged out
+    #[schemars(range(min = 0, max = 1000))]
+    pub(crate) smoothing_ms: f64,
+    /// Part of the time after the frame that smoothing uses; a frame waits for it
+    #[schemars(range(min = 0, max = 1000))]
+    #[default(33.0)]
+    pub(crate) smoothing_ahead_ms: f64,
 }
 
 /// The ultrasound scanner

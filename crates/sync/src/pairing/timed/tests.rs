@@ -78,6 +78,69 @@ fn frame_waits_for_poses_on_both_sides_then_true_pose() {
     assert!(exact.world_from_image.affine().abs_diff_eq(world_from_image(20 * MS), 1e-9));
 }
 
+/// Settings with smoothing over 100 ms on both sides, 30 ms ahead.
+fn smoothed_options() -> TimedOptions {
+    let mut options = options();
+    for source in &mut options.sources {
+        source.smoothing = Some(Smoothing { half_width_ns: 100 * MS, ahead_ns: 30 * MS });
+    }
+    options
+}
+
+#[test]
+fn frame_waits_for_poses_ahead_then_smoothed_pose() {
+    let mut stage = TimedPairing::new(smoothed_options()).unwrap();
+    let add = |stage: &mut TimedPairing<_>, ms: i64| {
+        let mut probe = sample(0, ms);
+        // Multiples of the golden ratio have no order.
+        let noise = |n: i64| ((ms * n) as f64 * 0.618_033_988_75).fract() - 0.5;
+        probe.pose.position_mm += DVec3::new(noise(7), noise(11), noise(16));
+        stage.pose(0, probe);
+        stage.pose(1, sample(1, ms));
+    };
+    (0..=320).step_by(10).for_each(|ms| add(&mut stage, ms));
+    assert!(stage.frame(frame(295), 321 * MS, "a").is_none());
+    assert!(stage.next(330 * MS).is_none(), "320 ms are there, and 325 are wanted");
+    assert_eq!(stage.deadline_ns(), Some(851 * MS), "30 ms more than without smoothing");
+    add(&mut stage, 330);
+    let placed = stage.next(331 * MS).unwrap().answer.unwrap();
+    let effect = placed.smoothing.unwrap();
+    assert_eq!(effect.not_smoothed, None);
+    let truth = world_from_image(295 * MS);
+    let [smoothed, between] = [placed.world_from_image, effect.interpolated]
+        .map(|pose| (pose.point(DVec3::ZERO) - truth.transform_point3(DVec3::ZERO)).length());
+    assert!(smoothed < 0.5 * between && between > 0.2, "{smoothed} {between}");
+    assert!((effect.moved_mm - between).abs() < 1.1 * smoothed, "{effect:?}");
+    assert!(smoothed < 2.0 * effect.error_mm && effect.error_mm < 0.4, "{smoothed} {effect:?}");
+    // Later poses change nothing.
+    let again = stage.place(&frame(295)).unwrap();
+    add(&mut stage, 340);
+    assert_eq!(stage.place(&frame(295)).unwrap(), again);
+    assert_eq!(placed, again);
+}
+
+#[test]
+fn frame_without_enough_poses_is_interpolated_with_reason() {
+    let mut stage = TimedPairing::new(smoothed_options()).unwrap();
+    let mut plain = TimedPairing::<()>::new(options()).unwrap();
+    for ms in (0..=60).step_by(10) {
+        for source in [0, 1] {
+            stage.pose(source, sample(source, ms));
+            plain.pose(source, sample(source, ms));
+        }
+    }
+    assert!(stage.frame(frame(25), 26 * MS, ()).is_none());
+    let placed = stage.next(61 * MS).unwrap().answer.unwrap();
+    let effect = placed.smoothing.unwrap();
+    assert_eq!(effect.not_smoothed, Some(NotSmoothed::FewSamples { samples: 6 }));
+    let expected = plain.place(&frame(25)).unwrap();
+    assert_eq!((placed.world_from_image, effect.interpolated), (expected.world_from_image, expected.world_from_image));
+    assert_eq!((effect.moved_mm, expected.smoothing), (0.0, None));
+    // If the tracker falls silent, the wait ends.
+    assert!(stage.frame(frame(55), 62 * MS, ()).is_none() && stage.next(591 * MS).is_none());
+    assert!(stage.next(592 * MS).unwrap().answer.is_ok());
+}
+
 #[test]
 fn clock_and_tracker_errors_are_in_error_bound() {
     let with = |bound_ns: i64, noise_mm: f64, noise_rad: f64| {

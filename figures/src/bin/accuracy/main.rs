@@ -1,0 +1,63 @@
+//! Errors with corrections of poses on and off: `make accuracy`, or `cargo run --release -p
+//! sonoweave-figures --bin accuracy -- [--quick]`.
+//!
+//! Sweeps of an unsteady hand are painted at their true poses. A simulated tracker measures the
+//! poses with known errors. The poses of the frames follow by the pairing of sessions, and volumes
+//! by their reconstruction. All rows, tables and pictures are written to `out/accuracy`, with an
+//! `index.html`. A quick run has one sweep of each kind; it writes to `out/accuracy/quick`.
+//!
+//! - [`sweep`]: painted sweeps, and the truth.
+//! - [`tracker`]: errors of the simulated tracker.
+//! - [`poses`]: poses of the frames by interpolation and by smoothing.
+//! - [`smoothing`]: errors by the tracker's noise, with smoothing on and off.
+//! - [`report`]: checks, the Markdown, the page.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
+
+mod poses;
+#[path = "../pareto/report.rs"]
+#[allow(dead_code, reason = "shared with the comparison of run times, which reports wrong answers itself")]
+mod report;
+mod smoothing;
+mod sweep;
+mod tracker;
+
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::process::ExitCode;
+
+use serde_json::{Map, Value, json};
+
+use report::Report;
+
+fn main() -> ExitCode {
+    let mut sweeps = 6;
+    let figures = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut folder = figures.parent().unwrap_or(figures).join("out/accuracy");
+    for argument in std::env::args().skip(1) {
+        if argument != "--quick" {
+            eprintln!("unknown argument {argument}; this takes --quick or nothing");
+            return ExitCode::from(2);
+        }
+        sweeps = 1;
+        folder = folder.join("quick");
+    }
+    match run(sweeps, &folder) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("the comparison broke off: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(sweeps: u64, folder: &Path) -> Result<bool, Box<dyn Error>> {
+    fs::create_dir_all(folder)?;
+    let (mut report, mut figures) = (Report::default(), Map::new());
+    smoothing::compare(sweeps, &mut report, &mut figures, folder)?;
+    let quick = sweeps == 1;
+    let run = json!({ "quick": quick, "figures": Value::Object(figures) });
+    fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?;
+    report.finish("Errors with corrections on and off", "", folder)
+}

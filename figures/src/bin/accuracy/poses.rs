@@ -1,0 +1,66 @@
+//! Poses of a sweep's frames from a tracker's, by the pairing of sessions.
+
+use std::error::Error;
+
+use sonoweave_core::frames::{Image, Transform, World};
+use sonoweave_core::named::StaticTransform;
+use sync::clock::TimeFlags;
+use sync::history::PoseSample;
+use sync::pairing::timed::{FrameTime, Source};
+use sync::smoothing::Smoothing;
+use sync::{PairingOptions, TimedOptions, TimedPairing};
+
+use crate::sweep::{STEP_NS, Sweep};
+
+/// Origin of the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Method {
+    /// The true poses.
+    Exact,
+    /// Interpolation between two poses.
+    Interpolated,
+    /// Smoothing, by the time before and after a frame, and by the time ahead that is used, ns.
+    Smoothed(Smoothing),
+}
+
+/// Poses of frames, and the number of those that were not smoothed though they should be.
+pub(crate) struct Poses {
+    pub(crate) world_from_image: Vec<Transform<World, Image>>,
+    pub(crate) not_smoothed: usize,
+}
+
+impl Method {
+    /// Returns the poses of all frames.
+    ///
+    /// # Errors
+    /// If a frame has no pose.
+    pub(crate) fn poses(self, sweep: &Sweep, measured: &[PoseSample]) -> Result<Poses, Box<dyn Error>> {
+        let smoothing = match self {
+            Self::Exact => {
+                let world_from_image = sweep.frames.iter().map(|(_, slice)| slice.world_from_image).collect();
+                return Ok(Poses { world_from_image, not_smoothed: 0 });
+            }
+            Self::Interpolated => None,
+            Self::Smoothed(smoothing) => Some(smoothing),
+        };
+        let rows = Transform::<World, Image>::from_affine(sweep.sensor_from_image()).to_rows();
+        let statics = vec![StaticTransform::new("Image", "Probe", &rows)?];
+        let mut pairing = TimedPairing::<()>::new(TimedOptions {
+            pairing: PairingOptions { statics, ..PairingOptions::default() },
+            sources: vec![Source { smoothing, ..Source::new("Probe", "Tracker") }],
+            ..TimedOptions::default()
+        })?;
+        measured.iter().for_each(|sample| pairing.pose(0, sample.clone()));
+        let mut poses = Poses { world_from_image: Vec::new(), not_smoothed: 0 };
+        for (step, slice) in &sweep.frames {
+            let size = [slice.image.width(), slice.image.height()];
+            let time_ns = i64::from(*step) * STEP_NS;
+            let placed = pairing
+                .place(&FrameTime { time_ns, bound_ns: 0, flags: TimeFlags::NONE, size })
+                .map_err(|unplaced| unplaced.to_string())?;
+            poses.world_from_image.push(placed.world_from_image);
+            poses.not_smoothed += usize::from(placed.smoothing.is_some_and(|effect| effect.not_smoothed.is_some()));
+        }
+        Ok(poses)
+    }
+}
