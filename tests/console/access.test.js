@@ -99,11 +99,19 @@ test("what is spoken does not chatter", async () => {
   // `settings-says` is in a dialog, and reports wrong settings.
   assert.deepEqual(live, ["announcer", "settings-says"]);
   await page.evaluate((live) => {
-    window.spoken = 0;
-    for (const id of live) new MutationObserver(() => (window.spoken += 1)).observe(document.getElementById(id), { childList: true, characterData: true, subtree: true });
+    const sentences = () => [...document.querySelectorAll("#banner strong")].map(({ textContent }) => textContent).join(" ");
+    const watch = (element, changed) => new MutationObserver(changed).observe(element, { childList: true, characterData: true, subtree: true });
+    window.spoken = [];
+    window.shown = [sentences()];
+    for (const element of live.map((id) => document.getElementById(id))) watch(element, () => window.spoken.push(element.textContent));
+    watch(document.getElementById("banner"), () => {
+      if (sentences() !== window.shown.at(-1)) window.shown.push(sentences());
+    });
   }, live);
   await drawn(page, "slice", 60);
-  assert.equal(await page.evaluate(() => window.spoken), 0);
+  const { spoken, shown } = await page.evaluate(() => ({ spoken: window.spoken, shown: window.shown }));
+  // A machine that does not keep up has troubles that come and go: each change is spoken once.
+  assert.ok(spoken.length < shown.length, JSON.stringify({ spoken, shown }));
 });
 
 test("who wants no motion gets none", async () => {
