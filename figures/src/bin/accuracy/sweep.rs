@@ -25,8 +25,12 @@ pub(crate) const STEP_NS: i64 = 1_000_000_000 / (30 * STEPS as i64);
 const MARGIN: u32 = 30;
 /// Distance of the sensor from the image's middle, mm, against v.
 const LEVER_MM: f64 = 110.0;
+/// Noise of a pixel, grey levels: as much in a mm² as 6 in pixels of 0.1 mm.
+const NOISE_SD: f64 = 3.0;
 /// Spacing of the volumes, mm.
 const SPACING_MM: f64 = 0.5;
+/// Width of the kernel along all axes, mm: a little less than the gap between slices.
+const SIGMA_MM: f64 = 0.3;
 
 /// A sweep.
 pub(crate) struct Sweep {
@@ -58,6 +62,7 @@ impl Sweep {
             gap_mm: GAP_MM / f64::from(STEPS),
             image_size: PICTURE,
             pixel_mm: [PIXEL_MM; 2],
+            noise_sd: NOISE_SD,
             seed,
             interval_ns: STEP_NS,
             ..ScanSettings::default()
@@ -110,7 +115,8 @@ impl Sweep {
 
     /// Returns numerators and weights of the voxels, from the frames at these poses.
     fn volume(&self, poses: &[Transform<World, Image>]) -> Result<Vec<[f32; 2]>, Box<dyn Error>> {
-        let mut volume = PathReconstructor::general(Settings::new(DVec3::splat(SPACING_MM)), self.scan.mask().clone())?;
+        let settings = Settings { sigma_mm: [Some(SIGMA_MM); 3], ..Settings::new(DVec3::splat(SPACING_MM)) };
+        let mut volume = PathReconstructor::general(settings, self.scan.mask().clone())?;
         for ((_, slice), pose) in self.frames.iter().zip(poses) {
             volume.insert(&Slice { world_from_image: *pose, ..slice.clone() })?;
         }

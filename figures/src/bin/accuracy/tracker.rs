@@ -16,7 +16,7 @@ pub(crate) struct Noise {
     pub(crate) sd: f64,
     /// Correlation of successive errors; 0 for white noise.
     pub(crate) correlation: f64,
-    /// One pose in a hundred is off by 5 mm and 5° (standard deviations).
+    /// One pose in a hundred, on average, is off by 5 mm and 5° (standard deviations).
     pub(crate) outliers: bool,
 }
 
@@ -39,12 +39,11 @@ impl Noise {
     pub(crate) fn measured(&self, sweep: &Sweep, seed: u64) -> Vec<PoseSample> {
         let mut draws = Draws(ChaCha8Rng::seed_from_u64(seed));
         let (mut shift, mut turn) = (draws.vector(), draws.vector());
-        let steps = (0..sweep.steps()).step_by(2);
-        let measured = steps.enumerate().map(|(n, step)| {
+        let measured = (0..sweep.steps()).step_by(2).map(|step| {
             let fresh = (1.0 - self.correlation * self.correlation).sqrt();
             (shift, turn) =
                 (shift * self.correlation + draws.vector() * fresh, turn * self.correlation + draws.vector() * fresh);
-            let sd = if self.outliers && n % 100 == 50 { 5.0 } else { self.sd };
+            let sd = if draws.unit() < 0.01 && self.outliers { 5.0 } else { self.sd };
             let truth = sweep.sensor(step);
             let turned = DQuat::from_scaled_axis(turn * sd.to_radians());
             let pose = Rigid {
