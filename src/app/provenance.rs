@@ -40,6 +40,9 @@ impl Made<'_> {
             fields.push(line("SigmaMm", &sigma));
             fields.push(line("SupportMm", &support));
         }
+        if let Some(smoothing) = &outcome.smoothing {
+            fields.push(line("Smoothing", &smoothing.words()));
+        }
         fields.push((UNSEEN_FIELD.into(), format!("{}", encoding.unseen)));
         fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
         // In a cropped volume, the image covers only what is left.

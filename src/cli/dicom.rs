@@ -172,7 +172,7 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
     let options = config.pairing_options(arguments.world.as_deref());
     let open =
         |images| drivers::open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(input) }));
-    let placed = match survey(open(false)?.as_mut(), &options) {
+    let placed = match survey(open(false)?.as_mut(), &options, None) {
         Ok(survey) => Some(survey),
         // Without a way to the world, it is a sweep without poses, unless poses were requested.
         Err(SurveyError::NoPath(_)) if arguments.config.is_none() && arguments.world.is_none() => None,

@@ -47,7 +47,7 @@ const USUAL: &[(&str, &[&str])] = &[
 
 /// Headings of flags that do not stand under their struct's own.
 const HEADINGS: &[(&str, &[&str])] = &[
-    ("Calibration", &["image-to-probe", "preset", "world"]),
+    ("Calibration", &["image-to-probe", "preset", "world", "smoothing"]),
     ("Volume", &["spacing", "origin", "size", "type", "window", "unseen", "max-memory"]),
     ("Image data", &["clip", "fan", "frames"]),
     ("Insertion", &["path", "departure", "planar-tolerance", "threads", "simd"]),

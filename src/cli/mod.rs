@@ -30,6 +30,7 @@ mod renamed;
 pub mod render;
 pub mod repair;
 pub mod replay;
+mod smoothing;
 pub mod twin;
 mod version;
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use drivers::replay::Progress;
-use pipeline::session::{PosedFrames, Sequence, SequenceInput};
+use pipeline::session::{PosedFrames, Sequence, SequenceInput, Session};
 use sonoweave_core::frames::{self, Transform, World};
 use sonoweave_core::slice::{Image, Pixels};
 use sonoweave_core::{NO_DEADLINE, Next};
@@ -99,7 +99,8 @@ impl Recording {
     }
 
     fn survey_of(keywords: Keywords, path: &Path, input: SequenceInput, sweep: &Sweep) -> Result<Self, LibraryError> {
-        let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, &sweep.session.pairing);
+        let Session { pairing, smoothing, .. } = &sweep.session;
+        let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, pairing, *smoothing);
         let sequence = sequence.map_err(|error| LibraryError::of_run(path, error))?;
         let (first, count) = (sweep.frames.start, sequence.count());
         let content = Content::Sequence { input, first, count, survey: sequence.survey().clone() };
@@ -204,7 +205,8 @@ impl Recording {
             SequenceInput::File(_) => own.session.pairing,
             SequenceInput::Frames(_) => PairingOptions::default(),
         };
-        let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, &sweep.session.pairing);
+        let Session { pairing, smoothing, .. } = &sweep.session;
+        let sequence = Sequence::open(input.clone(), sweep.frames.clone(), sweep.off_plane, pairing, *smoothing);
         let sequence = sequence.map_err(|error| LibraryError::of_run(&self.path, error))?;
         Ok(Run::Sequence(sweep, sequence))
     }

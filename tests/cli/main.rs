@@ -51,6 +51,7 @@ mod sessions;
 mod settings;
 mod several;
 mod shell;
+mod smoothing;
 mod targets;
 mod tracker;
 mod tutorials;

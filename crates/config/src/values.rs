@@ -198,6 +198,20 @@ pub fn share(text: &str) -> Result<f64, Error> {
     if share > 0.0 && share < 1.0 { Ok(share) } else { Err(Error::Value("must lie between 0 and 1".into())) }
 }
 
+/// Shortest and longest time before and after a frame over which poses are smoothed, ms: six poses
+/// of a tracker with 60 a second, and more than any hand keeps its motion.
+pub(crate) const SMOOTHING_MS: [f64; 2] = [50.0, 1000.0];
+
+/// Parses the time before and after a frame over which poses are smoothed, ms; 0 for none.
+pub fn smoothing(text: &str) -> Result<f64, Error> {
+    let [ms] = numbers::<1>(text)?;
+    let [least, most] = SMOOTHING_MS;
+    if ms == 0.0 || (least..=most).contains(&ms) {
+        return Ok(ms);
+    }
+    Err(Error::Value(format!("must be 0, or from {least} to {most} ms: fewer poses average nothing out")))
+}
+
 /// Parses supports in the plane and across it: one criterion for both, or two separated by a
 /// comma.
 pub fn supports(text: &str) -> Result<[Support; 2], Error> {

@@ -217,11 +217,11 @@ fn frames(to: &mut Exposition, account: &SessionStatus) {
     let smoothing = account.smoothing.as_ref();
     let mut poses = to.counter(
         "sonoweave_frames_smoothed_total",
-        "Frames whose poses were to be smoothed: smoothed, or interpolated for a reason.",
+        "Frames whose poses were to be smoothed: smoothed, or not for a reason.",
     );
     poses.sample(&[("fate", "smoothed"), ("reason", "")], smoothing.map_or(0.0, |found| found.smoothed as f64));
-    for (reason, frames) in smoothing.iter().flat_map(|found| &found.interpolated) {
-        poses.sample(&[("fate", "interpolated"), ("reason", reason)], *frames as f64);
+    for (reason, frames) in smoothing.iter().flat_map(|found| &found.not_smoothed) {
+        poses.sample(&[("fate", "not smoothed"), ("reason", reason)], *frames as f64);
     }
     to.gauge(
         "sonoweave_scanner_frozen_seconds",

@@ -7,6 +7,7 @@
 //! - `masking`: the mask's status, and refusals of another.
 //! - `outcome`: the result of a run.
 //! - `observer`: observers of frames, slices and the volume.
+//! - `smoothing`: the account of smoothed poses.
 //! - [`regions`]: a recorded sweep in regions of its volume.
 
 pub mod command;
@@ -17,12 +18,14 @@ mod observer;
 mod outcome;
 pub mod regions;
 pub mod session;
+mod smoothing;
 pub mod trace;
 
 pub use inserter::OffPlane;
 pub use masking::{MaskOrigin, MaskRefusal, MaskStatus};
 pub use observer::{CapturedFrame, InsertedSlice, Observer};
 pub use outcome::Outcome;
+pub use smoothing::{SensorNoise, SmoothingStatus};
 
 use std::ops::Range;
 

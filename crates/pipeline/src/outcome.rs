@@ -8,6 +8,7 @@ use reconstruct::path_choice::Chosen;
 use sonoweave_core::ledger::Ledger;
 
 use super::PixelKind;
+use super::smoothing::SmoothingStatus;
 
 /// Result of a run.
 pub struct Outcome {
@@ -21,6 +22,8 @@ pub struct Outcome {
     pub world: String,
     /// Description of the transforms from the image to the world.
     pub route: String,
+    /// Frames by the smoothing of their poses; `None` if they are used as measured.
+    pub smoothing: Option<SmoothingStatus>,
     /// The frames' data region, as it was last.
     pub mask: MaskFound,
     /// First and last voxel that the slices' data and kernels reach, by the poses known before

@@ -20,7 +20,7 @@ use export::fill::{FillWork, Filled};
 use export::volume::DenseBox;
 use formats::whole::write_whole;
 use mask::{MaskFound, MaskSettings};
-use pipeline::Outcome;
+use pipeline::{Outcome, SmoothingStatus};
 use reconstruct::Compounding;
 use sonoweave_core::ledger::Ledger;
 
@@ -144,6 +144,8 @@ pub struct Statistics {
     pub world: String,
     /// Transforms from the image to that frame.
     pub route: String,
+    /// Frames by the smoothing of their poses; `None` if they are used as recorded.
+    pub smoothing: Option<SmoothingStatus>,
     /// Holes that were filled in the files, if requested.
     pub fill: Option<FillNumbers>,
     /// Scalar type of the file, if one was written.
@@ -225,6 +227,7 @@ impl Statistics {
             },
             world: outcome.world.clone(),
             route: outcome.route.clone(),
+            smoothing: outcome.smoothing.clone(),
             fill: None,
             scalar,
             method: settings.method.name(),

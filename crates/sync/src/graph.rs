@@ -51,6 +51,12 @@ impl Route {
 /// A frame name pair, `from` and `to`.
 pub type Names = (String, String);
 
+/// Whether a name is of a frame of pixels, whose transforms may have scale and skew: the image's,
+/// or `CroppedImage`, `TransducerOriginPixel`, ….
+pub(crate) fn is_image_frame(image: &str, name: &str) -> bool {
+    name == image || name.ends_with("Image") || name.ends_with("Pixel")
+}
+
 /// Finds the shortest chain from `start` to `goal`. Among equally short ones it prefers the
 /// fewest constant transforms, then the first by the names of the frames passed; a transform
 /// used forwards precedes one used backwards. The result does not depend on the order of the

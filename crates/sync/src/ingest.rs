@@ -24,6 +24,10 @@ use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::{Image, Pixels};
 
+/// Largest deviation of a tracker's rotation (max |RᵀR − I|) that is repaired by the nearest
+/// rotation; beyond, the pose is refused.
+pub const RIGID_TOLERANCE: f64 = 1e-2;
+
 /// Result of converting a reading.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
@@ -135,12 +139,11 @@ impl Ingest {
                 }
             }
         };
-        let (time_ns, untimed) = match (frame.stamp.host_ns, frame.stamp.source_s) {
-            (Some(host), _) => (host, false),
-            (None, Some(seconds)) => match nanoseconds(seconds) {
-                Some(ns) => (ns, false),
-                None => return refuse(Reason::TimeInvalid, format!("{seconds} s does not fit 64 bits of nanoseconds")),
-            },
+        let (time_ns, untimed) = match (stamp_ns(&frame.stamp), frame.stamp.source_s) {
+            (Some(ns), _) => (ns, false),
+            (None, Some(seconds)) => {
+                return refuse(Reason::TimeInvalid, format!("{seconds} s does not fit 64 bits of nanoseconds"));
+            }
             (None, None) => (i64::try_from(frame.stamp.item).unwrap_or(i64::MAX), true),
         };
         let [first, second] = frame.size;
@@ -295,6 +298,11 @@ pub fn stored<T: Copy>(mf: &[T], [width, height]: [u32; 2], code: &str) -> Vec<T
     };
     let places = (0..second).flat_map(|row| (0..first).map(move |column| (column, row)));
     places.map(|(column, row)| at(column, row)).collect()
+}
+
+/// Returns the time of a stamp, ns; `None` without one, or if it does not fit.
+pub(crate) fn stamp_ns(stamp: &Stamp) -> Option<i64> {
+    stamp.host_ns.or_else(|| nanoseconds(stamp.source_s?))
 }
 
 /// Returns the nearest whole nanosecond; `None` when it does not fit.

@@ -3,6 +3,8 @@
 //! Some decisions need all poses: which transforms exist, and the distance between neighbouring
 //! slices. A recording opened without images delivers them from its header quickly.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use sonoweave_core::frames::{Image, Transform, World};
@@ -14,6 +16,8 @@ use super::graph::{Names, NoPath, Route};
 use super::pairing::PairingOptions;
 use super::pairing::stamped::{MAX_NAMES, StampedPairing};
 use crate::ingest::Ingest;
+use crate::smoothing::Smoothing;
+use crate::smoothing::recorded::{RecordedPoses, SmoothedTransforms};
 
 /// Fraction of the gaps between neighbouring slices that the automatic σ must cover fully.
 const GAP_QUANTILE: f64 = 0.9;
@@ -45,6 +49,8 @@ pub struct Survey {
     pub refused: Vec<Refusal>,
     /// Frames by outcome; `used` are those of `poses`.
     pub ledger: Ledger,
+    /// The sensors' poses for smoothing: for [`StampedPairing::with_smoothed`].
+    pub smoothed: Option<Arc<SmoothedTransforms>>,
 }
 
 /// Reason why a survey failed.
@@ -58,16 +64,25 @@ pub enum SurveyError {
     NoPath(#[from] NoPath),
 }
 
-/// Reads a device twice, once for the names and once for the poses. It should be a recording
-/// opened without images. The device is stopped before and after.
+/// Reads a device twice, once for the names and once for the poses, which are smoothed if that is
+/// asked for. It should be a recording opened without images. The device is stopped before and
+/// after.
 ///
 /// # Errors
 /// [`SurveyError`]: the device's error, or no chain of transforms to the world.
-pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Survey, SurveyError> {
+pub fn survey(
+    device: &mut dyn Device,
+    options: &PairingOptions,
+    smoothing: Option<Smoothing>,
+) -> Result<Survey, SurveyError> {
     let mut names: Vec<Names> = Vec::new();
+    let mut recorded = RecordedPoses::default();
     walk(device, |reading| {
-        if let Reading::NamedTransform(t) = reading
-            && !names.iter().any(|(from, to)| *from == t.from && *to == t.to)
+        let Reading::NamedTransform(t) = reading else { return };
+        if smoothing.is_some() {
+            recorded.take(&t, &options.image);
+        }
+        if !names.iter().any(|(from, to)| *from == t.from && *to == t.to)
             // One more than the pairing stage accepts, so that it can report the excess.
             && names.len() <= MAX_NAMES
         {
@@ -75,7 +90,8 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
         }
     })?;
 
-    let mut pairing = StampedPairing::with_names(options.clone(), &names)?;
+    let smoothed = smoothing.map(|settings| Arc::new(recorded.smoothed(settings)));
+    let mut pairing = StampedPairing::with_names(options.clone(), &names)?.with_smoothed(smoothed.clone());
     let mut ingest = Ingest::new();
     let mut ledger = Ledger::default();
     let (mut poses, mut refused) = (Vec::new(), Vec::new());
@@ -104,7 +120,7 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
         _ => {}
     })?;
     let route = pairing.route().cloned().unwrap_or_else(|| Route { steps: Vec::new(), frames: Vec::new() });
-    Ok(Survey { names, route, poses, refused, ledger })
+    Ok(Survey { names, route, poses, refused, ledger, smoothed })
 }
 
 fn walk(device: &mut dyn Device, mut take: impl FnMut(Reading)) -> Result<(), sonoweave_core::Error> {
@@ -235,7 +251,7 @@ mod tests {
             transform(1, "Reference", "Tracker", 10.0),
             frame(1),
         ]);
-        let survey = survey(&mut device, &PairingOptions::default()).unwrap();
+        let survey = survey(&mut device, &PairingOptions::default(), None).unwrap();
         assert!(!device.running);
         assert_eq!(survey.route.world(), "Reference");
         assert_eq!((survey.ledger.frames.used, survey.ledger.refused_total()), (1, 1));
@@ -256,7 +272,7 @@ mod tests {
         let rows = [0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
         let statics = vec![sonoweave_core::named::StaticTransform::new("Image", "Probe", &rows).unwrap()];
         let options = PairingOptions { statics, ..PairingOptions::default() };
-        let ledger = survey(&mut device(vec![probe, picture]), &options).unwrap().ledger;
+        let ledger = survey(&mut device(vec![probe, picture]), &options, None).unwrap().ledger;
         assert_eq!((ledger.frames.used, ledger.poses_projected, ledger.untimed), (1, 1, 1));
         assert!((ledger.worst_projection - 2.001e-3).abs() < 1e-9);
     }
@@ -264,7 +280,7 @@ mod tests {
     #[test]
     fn recording_without_chain_refused_before_images() {
         let mut device = device(vec![transform(0, "Probe", "Tracker", 1.0), frame(0)]);
-        let error = survey(&mut device, &PairingOptions::default()).unwrap_err().to_string();
+        let error = survey(&mut device, &PairingOptions::default(), None).unwrap_err().to_string();
         assert!(error.contains("no way from Image to Tracker") && error.contains("with ImageToProbe"), "{error}");
         assert!(!device.running);
     }

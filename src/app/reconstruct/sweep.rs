@@ -34,7 +34,7 @@ impl Sweep {
             input: input.clone(),
             frames: frames.clone(),
             off_plane: *off_plane,
-            session: Session { path: session.path, planar: session.planar, ..of_session },
+            session: Session { path: session.path, planar: session.planar, smoothing: session.smoothing, ..of_session },
             config: config.clone(),
         }
     }
@@ -45,7 +45,7 @@ impl Sweep {
     /// [`PipelineError`] when no frame can be used, or the run as a whole fails.
     pub(crate) fn reconstruct(self, activity: &'static str, steps: Steps<'_>) -> Result<Outcome, PipelineError> {
         let Self { input, frames, off_plane, session, .. } = self;
-        let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
+        let sequence = Sequence::open(input, frames, off_plane, &session.pairing, session.smoothing)?;
         let step = steps(activity, sequence.count());
         let source = SessionInputs::of(Source::Sequence(sequence));
         let ran = run(&session, source, &Monotonic, &AtomicBool::new(false), |status| {
@@ -63,7 +63,7 @@ impl Sweep {
     /// [`PipelineError`] when no frame can be used, or the run as a whole fails.
     pub(crate) fn plan(self, steps: Steps<'_>) -> Result<(SweepPlan, Outcome), PipelineError> {
         let Self { input, frames, off_plane, session, .. } = self;
-        let sequence = Sequence::open(input, frames, off_plane, &session.pairing)?;
+        let sequence = Sequence::open(input, frames, off_plane, &session.pairing, session.smoothing)?;
         let step = steps("planning", sequence.count());
         SweepPlan::new(session, sequence, |status| step(status.ledger.frames.total))
     }

@@ -23,7 +23,7 @@ const OWN: [(&str, &str); 5] = [
 const RESOURCES: [&str; 4] = ["max-memory", "out-of-core", "simd", "threads"];
 
 /// Flags whose values are numbers, which have several forms. Others are names.
-const NUMBERS: [&str; 19] = [
+const NUMBERS: [&str; 20] = [
     "clip",
     "decay-rate",
     "decay-wait",
@@ -38,6 +38,7 @@ const NUMBERS: [&str; 19] = [
     "resolution",
     "sigma",
     "size",
+    "smoothing",
     "spacing",
     "support",
     "threads",

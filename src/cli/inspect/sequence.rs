@@ -167,7 +167,7 @@ impl SequenceReport {
         device.stop()?;
         let options = config.pairing_options(world);
         let spacing = config.spacing_mm.map_or(SPACING_MM, |mm| DVec3::from_array(mm).max_element());
-        let (placement, poses) = match survey(device.as_mut(), &options) {
+        let (placement, poses) = match survey(device.as_mut(), &options, None) {
             Ok(survey) => (Placement::of(&survey, config.notes), survey.poses),
             Err(SurveyError::NoPath(problem)) => {
                 (Placement::none(problem.to_string(), walk.ledger, config.notes), Vec::new())

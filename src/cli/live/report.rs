@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use config::bedside::Bedside;
-use pipeline::session::{Finished, SensorNoise, SmoothingStatus};
+use pipeline::session::Finished;
 
 use super::terminal::Terminal;
 use crate::app::input::name_of;
@@ -17,6 +17,7 @@ use crate::app::render::drawing::Over;
 use crate::app::reporter::Reporter;
 use crate::cli::Failure;
 use crate::cli::progress::{Lines, say};
+use crate::cli::smoothing::sentences;
 
 /// Runs a session to its outputs, with the volume in the terminal unless it runs `headless` or
 /// quietly. Returns the path of the last recording, if any.
@@ -58,7 +59,7 @@ pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), 
         print_line!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);
     }
     if let Some(smoothing) = &status.smoothing {
-        print_line!("{}", smoothed(smoothing));
+        print_line!("{}", sentences(smoothing));
     }
     if let (Some(outcome), Some(quantiles)) = (outcome, status.capture_to_volume.quantiles()) {
         print_line!(
@@ -98,27 +99,4 @@ pub(in crate::cli) fn leave(outputs: &Outputs, ended: &Ended<'_>) -> Result<(), 
         say(&format!("note: {note}"));
     }
     outputs.write_report(ended)
-}
-
-/// Returns sentences on the smoothing of poses.
-fn smoothed(status: &SmoothingStatus) -> String {
-    let SmoothingStatus { smoothed, interpolated, moved_rms_mm, moved_most_mm, error_rms_mm, sensors } = status;
-    let mut text = format!(
-        "poses of {smoothed} frames were smoothed: their corners moved by {moved_rms_mm:.2} mm (rms; at most \
-         {moved_most_mm:.2}); their error is {error_rms_mm:.2} mm (rms) if the noise is white"
-    );
-    for (why, frames) in interpolated {
-        text += &format!("; {frames} were interpolated ({why})");
-    }
-    for SensorNoise { sensor: [from, to], position_mm, rotation_deg, lag_1, is_white } in sensors {
-        text += &format!("\n{from} in {to}: noise {position_mm:.3} mm and {rotation_deg:.3}° along and about an axis");
-        if !is_white {
-            let lag_1 = lag_1.map(|lag_1| format!("{lag_1:.2}")).join(" and ");
-            text += &format!(
-                ", NOT WHITE: its third differences correlate by {lag_1}, and those of white noise by −0.75. Smoothing \
-                 gains less than it states"
-            );
-        }
-    }
-    text
 }

@@ -14,6 +14,7 @@ use pipeline::session::Session;
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::{OnDeparture, PlanarSettings};
 use reconstruct::{Settings, Simd};
+use sync::smoothing::Smoothing;
 
 use super::beside::BesideFlags;
 use super::filling::FillFlags;
@@ -56,6 +57,10 @@ pub(crate) struct Flags {
     /// reached]
     #[arg(long, value_name = "NX,NY,NZ", value_parser = values::size)]
     pub(in crate::cli) size: Option<[u64; 3]>,
+    /// Smooth the tracker's poses over this time before and after a frame, 50 to 1000 ms; 0 uses
+    /// them as recorded. Only noise that is independent from pose to pose is averaged out
+    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = values::smoothing)]
+    smoothing: f64,
     /// Insertion path of slices. Planar is for scans whose slices stay perpendicular to one
     /// plane, with image axis u along its normal, and whose data is a rectangle: several times
     /// faster on half the memory, with the volume's axes along the scan's. Auto takes it when
@@ -252,6 +257,7 @@ impl Flags {
                 },
                 ..PlanarSettings::default()
             },
+            smoothing: (self.smoothing > 0.0).then(|| Smoothing::offline((self.smoothing * 1e6).round() as i64)),
             ..Session::new(config.pairing_options(self.world.as_deref()), mask, settings)
         };
         let input = SequenceSettings { progress: turning(), ..SequenceSettings::new(sequence) };

@@ -11,6 +11,7 @@ use crate::app::reconstruct::beside::Beside;
 use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed, Written};
 use crate::cli::Failure;
 use crate::cli::progress::{say, steps};
+use crate::cli::smoothing::sentences;
 
 /// Reconstructs a recorded sweep into a volume and its other outputs but the report. Returns the
 /// numbers and the report. An OME-Zarr volume is reconstructed in regions if that is asked for, or
@@ -49,6 +50,9 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     }
     if outcome.ledger.refused_total() > 0 || outcome.ledger.untimed > 0 {
         say(&outcome.ledger.to_string());
+    }
+    if let Some(smoothing) = &outcome.smoothing {
+        print_line!("{}", sentences(smoothing));
     }
     let grid = &statistics.grid;
     let [nx, ny, nz] = grid.size;

@@ -26,9 +26,6 @@ pub struct Pairing {
     pub smoothing: Option<Smoothing>,
 }
 
-/// Shortest time before and after a frame over which poses are smoothed, ms: six poses of a
-/// tracker with 60 a second.
-const LEAST_SMOOTHING_MS: f64 = 50.0;
 impl Pairing {
     /// Reads the section. Smoothing is refused for an arm, and for a resting sensor's noise that it
     /// would not lower.
@@ -41,8 +38,9 @@ impl Pairing {
             let why = "an arm's encoders have no noise that smoothing would average out; delete the key";
             return Err(keys.error(KEY, why));
         }
-        if smoothing.is_some() && smoothing_ms < LEAST_SMOOTHING_MS {
-            let why = format!("must be 0 or at least {LEAST_SMOOTHING_MS}: fewer poses average nothing out");
+        let [least, _] = values::SMOOTHING_MS;
+        if smoothing.is_some() && smoothing_ms < least {
+            let why = format!("must be 0 or at least {least}: fewer poses average nothing out");
             return Err(keys.error(KEY, why));
         }
         let [position, rotation] = noise.map_or([1.0; 2], |noise| noise.fast_shares());

@@ -15,7 +15,7 @@ const GROUPS = [
   ["picture", "Picture"],
 ];
 // Settings shown first; the others are behind "More".
-const FIRST = ["calibration.file", "calibration.preset", "calibration.clip_px", "volume.spacing_mm", "volume.method", "volume.hwhm_mm", "volume.support", "volume.compound", "pairing.longest_gap_ms", "picture.mode", "picture.transfer", "picture.window"];
+const FIRST = ["calibration.file", "calibration.preset", "calibration.clip_px", "volume.spacing_mm", "volume.method", "volume.hwhm_mm", "volume.support", "volume.compound", "pairing.longest_gap_ms", "pairing.smoothing_ms", "pairing.smoothing_ahead_ms", "picture.mode", "picture.transfer", "picture.window"];
 
 export class Replay {
   #of;

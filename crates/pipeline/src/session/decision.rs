@@ -26,9 +26,9 @@ pub(super) struct PlacedFrame {
     pub(super) gap_ns: i64,
     /// Possible error at a corner of the image, mm; `None` if unknown.
     pub(super) error_mm: Option<f64>,
-    /// Pixels to world mm by interpolated poses, if they are smoothed: three rows of four.
+    /// Pixels to world mm before smoothing, if poses are smoothed: three rows of four.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) interpolated: Option<[f64; 12]>,
+    pub(super) unsmoothed: Option<[f64; 12]>,
 }
 
 fn rows(of: &Transform<World, Image>) -> [f64; 12] {
@@ -46,7 +46,7 @@ impl PlacedFrame {
             bound_ns: frame.bound_ns,
             gap_ns: placed.how.gap_ns(),
             error_mm: Some(placed.error_mm).filter(|mm| mm.is_finite()),
-            interpolated: placed.smoothing.as_ref().map(|effect| rows(&effect.interpolated)),
+            unsmoothed: placed.smoothing.as_ref().map(|effect| rows(&effect.unsmoothed)),
         }
     }
 

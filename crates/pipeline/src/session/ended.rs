@@ -104,6 +104,7 @@ impl EndedSession<'_> {
         let outcome = volume.into_inner().inserter.finish().map(|finished| Outcome {
             world: status.world.clone(),
             route: status.route.clone(),
+            smoothing: status.smoothing.clone(),
             voxels_updated: finished.reconstructor.work().voxels_updated,
             reconstructor: finished.reconstructor,
             chosen: finished.chosen,

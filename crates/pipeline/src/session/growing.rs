@@ -22,6 +22,7 @@ use super::settings::{Session, Source};
 use super::shared_volume::{PendingChanges, Shared};
 use super::status::SessionStatus;
 use crate::inserter::{FinishedVolume, OutcomeSink};
+use crate::smoothing::SmoothingStatus;
 use crate::{InsertedSlice, MaskOrigin, MaskRefusal, OffPlane, Outcome, PipelineError};
 use mask::MaskFound;
 
@@ -39,6 +40,7 @@ pub struct GrowingVolume {
     ledger: Ledger,
     world: String,
     route: String,
+    smoothing: Option<SmoothingStatus>,
     notes: Vec<String>,
     insert_ms: Vec<f64>,
 }
@@ -132,6 +134,7 @@ impl GrowingVolume {
             ledger: Ledger::default(),
             world,
             route,
+            smoothing: None,
             notes: Vec::new(),
             insert_ms: Vec::new(),
         }
@@ -174,8 +177,12 @@ impl GrowingVolume {
         });
         match ran {
             Ok(ran) => {
-                let SessionStatus { ledger, world, route, notes, .. } = ran.status;
+                let SessionStatus { ledger, world, route, smoothing, notes, .. } = ran.status;
                 (self.world, self.route) = (world, route);
+                match (&mut self.smoothing, smoothing) {
+                    (Some(own), Some(more)) => own.add(more),
+                    (own, more) => *own = own.take().or(more),
+                }
                 self.notes.extend(notes);
                 self.insert_ms.extend(ran.insert_ms);
                 self.ledger.add(&ledger);
@@ -285,6 +292,7 @@ impl GrowingVolume {
             ledger: self.ledger.clone(),
             world: self.world.clone(),
             route: self.route.clone(),
+            smoothing: self.smoothing.clone(),
             mask,
             reached,
             slice_axes,

@@ -25,8 +25,8 @@
 //!   as a source of slices. `sequence_input`, `posed_frames`: its file, or its frames in memory.
 //! - `growing`: a volume that grows by recordings and by single frames. `paired`: a recorded
 //!   session's poses without a volume.
-//! - `pairing_thread`, `smoothing`, `stuck`, `zones`: readings to posed slices; an account of
-//!   smoothed poses; repeated frames; frames taken where the tracker's field is distorted.
+//! - `pairing_thread`, `stuck`, `zones`: readings to posed slices; repeated frames; frames taken
+//!   where the tracker's field is distorted.
 //! - `insertion_thread`, `shared_volume`, `changes`: insertion of slices, the lock on the volume,
 //!   and the changes pending for its readers.
 //! - `render_thread`, `reach`: the picture, and the box that it shows.
@@ -75,7 +75,6 @@ mod sequence_input;
 mod sequencer;
 mod settings;
 mod shared_volume;
-mod smoothing;
 mod spawn;
 mod status;
 mod stuck;
@@ -106,7 +105,6 @@ pub use sequence::Sequence;
 pub use sequence_input::SequenceInput;
 pub use settings::{Finished, Session, SessionInputs, Source};
 pub use shared_volume::VolumeExtent;
-pub use smoothing::{SensorNoise, SmoothingStatus};
 pub use status::{ClockStatus, DeviceStatus, REPLAYED, SessionStatus, Written};
 pub use timing::{Quantiles, Spread};
 pub use turns::{StallDetector, Turns};

@@ -12,15 +12,16 @@ use sync::history::Unavailable;
 use sync::ingest::Picture;
 use sync::ingest::live::{Live, LiveIngest};
 use sync::pairing::timed::{Answered, FrameTime, Placed, TimedPairing, Unplaced};
+use sync::smoothing::noise_of;
 
 use super::common::Common;
 use super::event::{ADVANCE_EVERY_NS, CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent};
 use super::insertion_thread::{InsertMessage, Posed, Times};
-use super::smoothing::SensorNoise;
 use super::stuck::StuckDetector;
 use super::turns::Stage;
 use super::zones::Guard;
 use crate::CapturedFrame;
+use crate::smoothing::SensorNoise;
 use crate::trace::STAGE;
 
 /// A device of the session.
@@ -248,12 +249,17 @@ impl<'a> Pairing<'a> {
     /// Counts a frame's smoothing, and sometimes estimates the sensors' noise.
     fn count_smoothing(&self, placed: &Placed) {
         let Some(effect) = &placed.smoothing else { return };
-        let is_due = self.common.status.lock().smoothing.get_or_insert_default().count(effect);
+        let is_due = self.common.status.lock().smoothing.as_mut().is_some_and(|account| account.count(effect));
         if is_due {
-            let sensors = self.frames.iter().enumerate();
-            let noise = sensors.filter_map(|(at, sensor)| SensorNoise::of(sensor, self.timed.history(at)?));
-            let noise = noise.collect();
-            self.common.status.lock().smoothing.get_or_insert_default().sensors = noise;
+            let sensors = self
+                .frames
+                .iter()
+                .enumerate()
+                .filter_map(|(at, [from, to])| SensorNoise::of([from, to], noise_of(self.timed.history(at)?)));
+            let sensors = sensors.collect();
+            if let Some(account) = &mut self.common.status.lock().smoothing {
+                account.sensors = sensors;
+            }
         }
     }
 

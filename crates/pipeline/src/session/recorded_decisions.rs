@@ -228,7 +228,7 @@ mod tests {
             bound_ns: 1,
             gap_ns: 2,
             error_mm: Some(0.1),
-            interpolated: None,
+            unsmoothed: None,
         }
     }
 

@@ -10,6 +10,7 @@ use sonoweave_core::{NO_DEADLINE, Next};
 use sync::graph::Route;
 use sync::ingest::live::Gives;
 use sync::ingest::{Ingest, Sample};
+use sync::smoothing::Smoothing;
 use sync::survey::Survey;
 use sync::{FramePose, PairingOptions, StampedPairing, survey};
 
@@ -18,6 +19,7 @@ use super::device::DeviceRole;
 use super::insertion_thread::{InsertMessage, Posed};
 use super::sequence_input::SequenceInput;
 use super::turns::Stage;
+use crate::smoothing::{SensorNoise, SmoothingStatus};
 use crate::{CapturedFrame, OffPlane, PipelineError};
 
 /// A recorded sequence, and all poses in it.
@@ -31,7 +33,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Reads the transforms of a sequence. `frames` are those to use, by their number in it.
+    /// Reads the transforms of a sequence, and smooths its poses if that is asked for. `frames` are
+    /// those to use, by their number in it.
     ///
     /// # Errors
     /// [`PipelineError`] if the file is unreadable, has no route to the world, or none of the
@@ -41,9 +44,10 @@ impl Sequence {
         frames: Range<u64>,
         off_plane: OffPlane,
         options: &PairingOptions,
+        smoothing: Option<Smoothing>,
     ) -> Result<Self, PipelineError> {
         let input = input.into();
-        let survey = survey(&mut *input.open(false)?, options)?;
+        let survey = survey(&mut *input.open(false)?, options, smoothing)?;
         let used: Vec<FramePose> = survey.poses.iter().filter(|pose| frames.contains(&pose.item)).copied().collect();
         if survey.poses.is_empty() {
             return Err(PipelineError::NothingUsed(Box::new(survey.ledger)));
@@ -89,8 +93,14 @@ pub(super) fn run(
     slices: &Sender<InsertMessage>,
 ) -> Result<Vec<String>, PipelineError> {
     let Sequence { input, frames, survey, .. } = sequence;
-    let (mut ingest, mut pairing) = (Ingest::new(), StampedPairing::with_names(options, &survey.names)?);
+    let mut ingest = Ingest::new();
+    let mut pairing = StampedPairing::with_names(options, &survey.names)?.with_smoothed(survey.smoothed.clone());
     let status = common.status;
+    if let Some(smoothed) = &survey.smoothed {
+        let mut account = SmoothingStatus::new(smoothed.settings());
+        account.sensors = smoothed.noise().filter_map(|(names, found)| SensorNoise::of(names, found)).collect();
+        status.lock().smoothing = Some(account);
+    }
     pairing.route().iter().for_each(|route| status.route(route));
     let turns = status.turns.begin(Stage::Pairing);
     let mut device = input.open(true)?;
@@ -127,6 +137,9 @@ pub(super) fn run(
         match paired {
             Ok(paired) => {
                 status.lock().ledger.projected(paired.pose.projected, paired.pose.deviation);
+                if let (Some(effect), Some(account)) = (&paired.pose.smoothing, &mut status.lock().smoothing) {
+                    account.count(effect);
+                }
                 let (world, slice) = (pairing.route().map_or("", Route::world), paired.slice);
                 common.observers.iter().for_each(|observer| observer.slice(world, item, &slice));
                 // Insertion has ended if its queue is closed, and reports the reason.

@@ -32,6 +32,7 @@ use super::status::SessionStatus;
 use super::stuck::StuckDetector;
 use super::zones::{Guard, Watch};
 use crate::inserter::{Plan, VolumeInserter};
+use crate::smoothing::SmoothingStatus;
 use crate::{Observer, OffPlane, Outcome, PipelineError};
 
 /// Settings for volume and picture.
@@ -252,6 +253,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.status.route(timed.route());
+        common.status.lock().smoothing = self.smoothing.map(SmoothingStatus::new);
         guard.iter().for_each(|guard| common.status.in_zones(guard.found()));
         Ok(Pairing::new(common, parts, timed, StuckDetector::new(self.mask), guard, frames, sender))
     }

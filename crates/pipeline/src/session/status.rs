@@ -25,10 +25,10 @@ use super::priority::SchedulingGrant;
 use super::recorder::{Recording, Unwritten};
 use super::render_thread::Drawn;
 use super::shared_volume::VolumeExtent;
-use super::smoothing::SmoothingStatus;
 use super::timing::Spread;
 use super::turns::{StageTurns, Turns};
 use super::zones::InZones;
+use crate::smoothing::SmoothingStatus;
 use crate::{MaskOrigin, MaskStatus};
 
 /// State of a device that is replaced by a recording.

@@ -19,10 +19,9 @@ use sonoweave_core::reading::{AXES, Counts, Frame, NamedTransform, Pose, Reading
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::{Ticks, Timing};
 
-use super::{Ingest, Picture};
+use super::{Ingest, Picture, RIGID_TOLERANCE};
 use crate::clock::{ClockMap, ClockSettings, Mapping, TimeFlags, Timed};
 use crate::history::{PoseSample, Rigid};
-use crate::pairing::stamped::RIGID_TOLERANCE;
 
 /// A quaternion whose length differs from 1 by more is refused. Single precision and four
 /// digits leave 10⁻⁴.

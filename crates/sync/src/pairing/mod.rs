@@ -1,8 +1,10 @@
 //! Pairing: gives images their poses in the world, by the chain of transforms that leads there.
 //!
 //! - [`stamped`]: by the transforms of the image's own stamp, as recorded sequences have them.
+//! - [`smoothed`]: the effect of smoothing on a pose.
 //! - [`timed`]: by poses around the image's time, as devices deliver them; interpolated.
 
+pub mod smoothed;
 pub mod stamped;
 pub mod timed;
 

@@ -1,6 +1,8 @@
 //! Pairing by stamp: combines images and the transforms of their stamp into posed slices, as
 //! recorded sequences have them.
 
+use std::sync::Arc;
+
 use glam::DAffine3;
 
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World, affine_from_rows, nearest_rigid};
@@ -9,12 +11,11 @@ use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
 use super::PairingOptions;
-use crate::graph::{Edge, Names, NoPath, Route};
-use crate::ingest::{Head, Picture};
+use super::smoothed::{SmoothingEffect, Way};
+use crate::graph::{Edge, Names, NoPath, Route, is_image_frame};
+use crate::ingest::{Head, Picture, RIGID_TOLERANCE};
+use crate::smoothing::recorded::SmoothedTransforms;
 
-/// Largest deviation of a tracker's rotation (max |RᵀR − I|) that is repaired by the nearest
-/// rotation; beyond, the pose is refused.
-pub const RIGID_TOLERANCE: f64 = 1e-2;
 /// Deviations up to this are rounding; they are repaired without being counted.
 const COUNTED: f64 = 1e-9;
 /// Largest number of named transforms of a source; a header may claim any number.
@@ -29,6 +30,8 @@ pub struct Pose {
     pub projected: u64,
     /// Largest deviation among them: max |RᵀR − I|.
     pub deviation: f64,
+    /// The effect of smoothing; `None` if the poses are not smoothed.
+    pub smoothing: Option<SmoothingEffect>,
 }
 
 /// A slice, and the corrections to its pose.
@@ -60,6 +63,8 @@ pub struct StampedPairing {
     names_changed: bool,
     /// Size of the first slice; all must have it.
     size: Option<[u32; 2]>,
+    /// Smoothed poses of the sensors; `None` if they are used as recorded.
+    smoothed: Option<Arc<SmoothedTransforms>>,
     notes: Vec<String>,
 }
 
@@ -67,7 +72,15 @@ impl StampedPairing {
     /// Returns a stage that learns the source's transforms as they arrive. Until a chain to the
     /// world is known, frames are refused; see [`Self::finish`].
     pub fn new(options: PairingOptions) -> Self {
-        Self { options, held: Vec::new(), route: None, names_changed: true, size: None, notes: Vec::new() }
+        Self {
+            options,
+            held: Vec::new(),
+            route: None,
+            names_changed: true,
+            size: None,
+            smoothed: None,
+            notes: Vec::new(),
+        }
     }
 
     /// Returns a stage that knows the names of the source's transforms in advance (see
@@ -86,6 +99,11 @@ impl StampedPairing {
         Ok(pairing)
     }
 
+    /// Uses smoothed poses of the sensors.
+    pub fn with_smoothed(self, smoothed: Option<Arc<SmoothedTransforms>>) -> Self {
+        Self { smoothed, ..self }
+    }
+
     /// Adds a transform. It is kept until the next with its name, and belongs to frames of its
     /// own stamp only.
     pub fn transform(&mut self, transform: NamedTransform) {
@@ -100,7 +118,7 @@ impl StampedPairing {
     /// A [`Refusal`] when no chain is known yet, or a transform of the chain is missing,
     /// invalid or unfit. Other transforms do not matter.
     pub fn pose(&mut self, head: &Head) -> Result<Pose, Refusal> {
-        self.pose_of(&head.stamp)
+        self.pose_at(&head.stamp, head.size)
     }
 
     /// Same as [`Self::pose`], for a stamp whose item may have no image. The configured image
@@ -109,13 +127,18 @@ impl StampedPairing {
     /// # Errors
     /// Those of [`Self::pose`].
     pub fn pose_of(&mut self, stamp: &Stamp) -> Result<Pose, Refusal> {
+        self.pose_at(stamp, [1; 2])
+    }
+
+    /// Returns the pose of a frame of this size.
+    fn pose_at(&mut self, stamp: &Stamp, size: [u32; 2]) -> Result<Pose, Refusal> {
         self.resolve();
         let item = stamp.item;
         let Some(route) = &self.route else {
             let why = self.search().map_or_else(|none| none.to_string(), |route| route.describe());
             return Err(Refusal::new(item, Reason::NoPath, why));
         };
-        let mut world_from_image = DAffine3::IDENTITY;
+        let mut way = Way::new(size);
         let (mut projected, mut worst) = (0, 0.0_f64);
         for step in &route.steps {
             let (affine, deviation) = match step.edge {
@@ -126,13 +149,27 @@ impl StampedPairing {
                 projected += 1;
                 worst = worst.max(deviation);
             }
-            world_from_image = if step.inverted { affine.inverse() } else { affine } * world_from_image;
+            let smoothed = match (step.edge, &self.smoothed) {
+                (Edge::PerFrame(index), Some(smoothed)) => smoothed.at(&self.held[index].names, stamp, &affine),
+                _ => None,
+            };
+            match smoothed {
+                None => way.step(if step.inverted { affine.inverse() } else { affine }),
+                Some((pose, pixels, smoothed)) => {
+                    let pixels = pixels.map(|pixels| pixels.affine());
+                    pixels.filter(|_| !step.inverted).into_iter().for_each(|affine| way.step(affine));
+                    way.smoothed_step(&pose, step.inverted, smoothed);
+                    pixels.filter(|_| step.inverted).into_iter().for_each(|affine| way.step(affine.inverse()));
+                }
+            }
         }
-        if !world_from_image.is_finite() {
+        if !way.reached.is_finite() {
             let detail = format!("the product of the transforms {} overflows", route.describe());
             return Err(Refusal::new(item, Reason::PoseNotFinite, detail));
         }
-        Ok(Pose { world_from_image: Transform::from_affine(world_from_image), projected, deviation: worst })
+        let smoothing = self.smoothed.as_ref().map(|_| way.effect());
+        let world_from_image = Transform::from_affine(way.reached);
+        Ok(Pose { world_from_image, projected, deviation: worst, smoothing })
     }
 
     /// Combines an image with its pose.
@@ -201,10 +238,8 @@ impl StampedPairing {
         Some(self.held.len() - 1)
     }
 
-    /// Whether this is a frame of pixels, whose transforms may have scale and skew: `Image`,
-    /// `CroppedImage`, `TransducerOriginPixel`, ….
     fn is_image(&self, name: &str) -> bool {
-        name == self.options.image || name.ends_with("Image") || name.ends_with("Pixel")
+        is_image_frame(&self.options.image, name)
     }
 
     fn resolve(&mut self) {

@@ -11,17 +11,18 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use serde::{Serialize, Serializer};
 
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::reading::transform_name;
 
 use super::PairingOptions;
+use super::smoothed::{SmoothingEffect, Way, lever_mm};
 use crate::clock::{TimeFlags, Timed};
 use crate::graph::{Edge, Names, NoPath, Route};
 use crate::history::{How, PoseHistory, PoseSample, Rigid, Unavailable};
-use crate::smoothing::{NotSmoothed, Smoothing, smoothed};
+use crate::smoothing::{Smoothing, smoothed};
 
 /// A source of poses: a tracker's station, or an arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,20 +118,6 @@ pub struct Placed {
     pub flags: TimeFlags,
     /// The effect of smoothing; `None` if no source is smoothed.
     pub smoothing: Option<SmoothingEffect>,
-}
-
-/// Effect of smoothing on a frame's pose.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SmoothingEffect {
-    /// Maps pixels to world mm by interpolated poses.
-    pub interpolated: Transform<World, Image>,
-    /// Largest distance of a corner of the image from its interpolated place, mm.
-    pub moved_mm: f64,
-    /// Root mean square error of a corner, mm, the largest of the four: the standard errors of the
-    /// smoothed poses with their lever arms, if their noise is white.
-    pub error_mm: f64,
-    /// Reason why a source's pose is interpolated nevertheless.
-    pub not_smoothed: Option<NotSmoothed>,
 }
 
 fn as_text<S: Serializer>(name: &Arc<str>, to: S) -> Result<S::Ok, S::Error> {
@@ -308,84 +295,57 @@ impl<T> TimedPairing<T> {
             return Err(Unplaced::FrameClockLost);
         }
         let mut missing = None;
-        let [right, bottom] = frame.size.map(|n| f64::from(n) - 1.0);
-        let in_image = [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|[u, v]| DVec3::new(u, v, 0.0));
-        let mut corners = in_image;
+        let mut way = Way::new(frame.size);
         let mut errors = [0.0; 4];
-        let (mut world_from_image, mut interpolated) = (DAffine3::IDENTITY, DAffine3::IDENTITY);
-        // Variances of the corners by the standard errors of smoothed poses, mm².
-        let (mut variances, mut not_smoothed) = ([0.0; 4], None);
         let (mut how, mut flags) = (How::Exact, frame.flags);
         for step in &self.route.steps {
-            let [affine, between] = match step.edge {
+            let index = match step.edge {
                 Edge::Static(index) => {
                     let affine = self.options.pairing.statics[index].affine;
-                    [if step.inverted { affine.inverse() } else { affine }; 2]
+                    way.step(if step.inverted { affine.inverse() } else { affine });
+                    continue;
                 }
-                Edge::PerFrame(index) => {
-                    let found = match self.histories[index].at(frame.time_ns) {
-                        Ok(found) => found,
-                        Err(why) => {
-                            let may_change = matches!(why, Unavailable::After { .. } | Unavailable::Nothing);
-                            let unplaced = self.unplaced(index, why);
-                            if !may_change {
-                                return Err(unplaced);
-                            }
-                            missing.get_or_insert(unplaced);
-                            continue;
-                        }
-                    };
-                    if found.how.gap_ns() > how.gap_ns() {
-                        how = found.how;
+                Edge::PerFrame(index) => index,
+            };
+            let found = match self.histories[index].at(frame.time_ns) {
+                Ok(found) => found,
+                Err(why) => {
+                    let may_change = matches!(why, Unavailable::After { .. } | Unavailable::Nothing);
+                    let unplaced = self.unplaced(index, why);
+                    if !may_change {
+                        return Err(unplaced);
                     }
-                    flags |= found.about[0].flags | found.about[1].flags;
-                    let walked = |pose: &Rigid| if step.inverted { pose.inverse() } else { *pose };
-                    let source = &self.options.sources[index];
-                    let lever = |corner: &DVec3| {
-                        if step.inverted { *corner - found.about[0].pose.position_mm } else { *corner }.length()
-                    };
-                    for (corner, error) in corners.iter().zip(&mut errors) {
-                        *error += found.error_mm(frame.bound_ns, |pose| walked(pose).point(*corner))
-                            + source.noise_mm
-                            + source.noise_rad * lever(corner);
-                    }
-                    let between = found.pose();
-                    let settings = source.smoothing.as_ref();
-                    let pose = match settings.map(|settings| smoothed(&self.histories[index], frame.time_ns, settings))
-                    {
-                        None => between,
-                        Some(Ok(smoothed)) => {
-                            for (corner, variance) in corners.iter().zip(&mut variances) {
-                                *variance += smoothed.variance_mm2(lever(corner));
-                            }
-                            smoothed.pose
-                        }
-                        Some(Err(why)) => {
-                            not_smoothed.get_or_insert(why);
-                            between
-                        }
-                    };
-                    [pose, between].map(|pose| walked(&pose).affine())
+                    missing.get_or_insert(unplaced);
+                    continue;
                 }
             };
-            corners = corners.map(|corner| affine.transform_point3(corner));
-            world_from_image = affine * world_from_image;
-            interpolated = between * interpolated;
+            if found.how.gap_ns() > how.gap_ns() {
+                how = found.how;
+            }
+            flags |= found.about[0].flags | found.about[1].flags;
+            let walked = |pose: &Rigid| if step.inverted { pose.inverse() } else { *pose };
+            let source = &self.options.sources[index];
+            for (corner, error) in way.corners.iter().zip(&mut errors) {
+                *error += found.error_mm(frame.bound_ns, |pose| walked(pose).point(*corner))
+                    + source.noise_mm
+                    + source.noise_rad * lever_mm(*corner, &found.about[0].pose, step.inverted);
+            }
+            let pose = found.pose();
+            match &source.smoothing {
+                None => way.step(walked(&pose).affine()),
+                Some(settings) => {
+                    let smoothed = smoothed(&self.histories[index], frame.time_ns, settings);
+                    way.smoothed_step(&pose, step.inverted, smoothed);
+                }
+            }
         }
         if let Some(missing) = missing {
             return Err(missing);
         }
-        let most = |each: [f64; 4]| each.into_iter().fold(0.0, f64::max);
-        let moved =
-            in_image.map(|at| (world_from_image.transform_point3(at) - interpolated.transform_point3(at)).length());
-        let smoothing = self.smoothed().next().map(|_| SmoothingEffect {
-            interpolated: Transform::from_affine(interpolated),
-            moved_mm: most(moved),
-            error_mm: most(variances).sqrt(),
-            not_smoothed,
-        });
-        let world_from_image = Transform::from_affine(world_from_image);
-        Ok(Placed { world_from_image, how, error_mm: most(errors), flags, smoothing })
+        let error_mm = errors.into_iter().fold(0.0, f64::max);
+        let smoothing = self.smoothed().next().map(|_| way.effect());
+        let world_from_image = Transform::from_affine(way.reached);
+        Ok(Placed { world_from_image, how, error_mm, flags, smoothing })
     }
 
     /// Returns the map from pixels to world mm for given poses of the sources, by their indices;

@@ -20,6 +20,7 @@ use crate::history::{PoseHistory, PoseSample, Rigid};
 use regression::{Fit, Value};
 
 pub mod noise;
+pub mod recorded;
 mod regression;
 
 pub use noise::FastNoise;
@@ -50,6 +51,11 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
+    /// Returns smoothing by all samples of the window, as for recordings.
+    pub fn offline(half_width_ns: i64) -> Self {
+        Self { half_width_ns, ahead_ns: half_width_ns }
+    }
+
     /// Time up to which samples are used, ns.
     pub(crate) fn until_ns(&self, time_ns: i64) -> i64 {
         time_ns.saturating_add(self.ahead_ns.min(self.half_width_ns))

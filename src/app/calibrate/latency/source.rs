@@ -17,7 +17,7 @@ use mask::MaskSettings;
 use sonoweave_core::frames::{affine_from_rows, nearest_rigid};
 use sonoweave_core::reading::{NamedTransform, Reading, Status, transform_name};
 use sync::history::PoseSample as Measured;
-use sync::pairing::stamped::RIGID_TOLERANCE;
+use sync::ingest::RIGID_TOLERANCE;
 use sync::survey;
 
 use super::super::recorded::{GreyImage, Recorded, Tracks, Unfit, each, seconds, stamps};
@@ -201,7 +201,7 @@ fn against(probe: &[PoseSample], reference: &[PoseSample]) -> Result<Vec<PoseSam
 fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
     let settings = SequenceSettings { images: false, ..SequenceSettings::new(path) };
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
-    let found = survey(device.as_mut(), &calibration.pairing_options(None))?;
+    let found = survey(device.as_mut(), &calibration.pairing_options(None), None)?;
     let Some(first) = found.poses.first() else {
         fail!("{}: no frame has a pose; record a tracked sequence", path.display());
     };

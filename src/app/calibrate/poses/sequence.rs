@@ -5,7 +5,7 @@ use std::path::Path;
 use sonoweave_core::frames::{Reference, Stylus, Transform};
 use sonoweave_core::reading::{Reading, Stamp, transform_name};
 use sonoweave_core::refusal::{Reason, Refusal};
-use sync::pairing::stamped::RIGID_TOLERANCE;
+use sync::ingest::RIGID_TOLERANCE;
 use sync::{PairingOptions, StampedPairing};
 
 use super::super::recorded::each;

@@ -8,7 +8,7 @@ use drivers::replay::SequenceSettings;
 use sonoweave_core::Next;
 use sonoweave_core::frames::{Probe, Reference, Tracker, Transform};
 use sonoweave_core::reading::{NamedTransform, Reading, Stamp, transform_name};
-use sync::pairing::stamped::RIGID_TOLERANCE;
+use sync::ingest::RIGID_TOLERANCE;
 use sync::{PairingOptions, StampedPairing};
 
 use super::times::stamps;

@@ -1,10 +1,11 @@
 use std::borrow::Cow;
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 
 use sonoweave_core::named::StaticTransform;
 
 use super::*;
+use crate::smoothing::NotSmoothed;
 
 const MS: i64 = 1_000_000;
 
@@ -107,7 +108,7 @@ fn frame_waits_for_poses_ahead_then_smoothed_pose() {
     let effect = placed.smoothing.unwrap();
     assert_eq!(effect.not_smoothed, None);
     let truth = world_from_image(295 * MS);
-    let [smoothed, between] = [placed.world_from_image, effect.interpolated]
+    let [smoothed, between] = [placed.world_from_image, effect.unsmoothed]
         .map(|pose| (pose.point(DVec3::ZERO) - truth.transform_point3(DVec3::ZERO)).length());
     assert!(smoothed < 0.5 * between && between > 0.2, "{smoothed} {between}");
     assert!((effect.moved_mm - between).abs() < 1.1 * smoothed, "{effect:?}");
@@ -134,7 +135,7 @@ fn frame_without_enough_poses_is_interpolated_with_reason() {
     let effect = placed.smoothing.unwrap();
     assert_eq!(effect.not_smoothed, Some(NotSmoothed::FewSamples { samples: 6 }));
     let expected = plain.place(&frame(25)).unwrap();
-    assert_eq!((placed.world_from_image, effect.interpolated), (expected.world_from_image, expected.world_from_image));
+    assert_eq!((placed.world_from_image, effect.unsmoothed), (expected.world_from_image, expected.world_from_image));
     assert_eq!((effect.moved_mm, expected.smoothing), (0.0, None));
     // If the tracker falls silent, the wait ends.
     assert!(stage.frame(frame(55), 62 * MS, ()).is_none() && stage.next(591 * MS).is_none());
