@@ -27,7 +27,7 @@ pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask),
     let options = config.pairing_options(None);
     let open =
         |images| drivers::open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }));
-    let survey = survey(open(false)?.as_mut(), &options)?;
+    let survey = survey(open(false)?.as_mut(), &options, None)?;
     let mut pairing = StampedPairing::with_names(options, &survey.names)?;
     let mut ingest = Ingest::new();
     let mut slices = Vec::new();

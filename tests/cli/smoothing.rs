@@ -59,6 +59,8 @@ fn useless_smoothing_times_are_refused() {
     let place = Place::new();
     place.does(SWEEP);
     for time in ["20", "-5", "2000", "x"] {
-        place.refuses(&format!("reconstruct s.mha -o v.mha --smoothing {time}"), &["--smoothing"]);
+        let run = place.run(&format!("reconstruct s.mha -o v.mha --smoothing={time}"));
+        assert!(run.code == 2 && run.stderr.contains("'--smoothing <MS>'"), "{time}: {} {}", run.code, run.stderr);
+        assert!(!place.names().contains("v.mha"));
     }
 }

@@ -87,7 +87,7 @@ impl SmoothedTransforms {
     }
 
     /// Returns each transform's names, with the number of its poses and their noise, as
-    /// [`noise_of`](super::noise_of) gives them.
+    /// [`noise_of`] gives them.
     pub fn noise(&self) -> impl Iterator<Item = ([&str; 2], Option<(usize, [FastNoise; 2])>)> {
         self.histories.iter().map(|((from, to), _, history)| ([from.as_str(), to.as_str()], noise_of(history)))
     }
