@@ -303,6 +303,9 @@ fn reason_is_given_where_smoothing_would_be_wrong() {
         let Rigid { rotation, position_mm } = hand.at(time_of(n));
         sample(time_of(n), Rigid { rotation, position_mm: position_mm + filtered() })
     }));
+    let not_white = smoothed(&coloured, 3 * SECOND, &OFFLINE).unwrap_err();
+    assert!(matches!(not_white, NotSmoothed::NotWhite { lag_1 } if lag_1 > -0.5), "{not_white}");
+    assert!(not_white.to_string().contains("−0.75"), "{not_white}");
     // Beside a lost sensor there is no pose at all.
     assert_eq!(coloured.at(7 * SECOND).unwrap_err(), Unavailable::After { by_ns: 7 * SECOND - time_of(6 * RATE - 1) });
 }
