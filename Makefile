@@ -244,7 +244,7 @@ pareto: setup
 	$(NUMBERS) record pareto out/pareto/$(QUICK_FOLDER)/figures.json --command "make pareto" \
 		--sources $(RENDERING),crates/phantom,figures/src/bin/pareto
 
-# Measures errors with corrections of poses on and off, over painted sweeps: out/accuracy/index.html.
+# Measures errors with corrections of poses on and off: out/accuracy/index.html.
 accuracy: setup
 	"$$(scripts/build.sh accuracy)" $(QUICK)
 	$(NUMBERS) record accuracy out/accuracy/$(QUICK_FOLDER)/figures.json --command "make accuracy" \
