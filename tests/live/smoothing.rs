@@ -1,10 +1,18 @@
 //! Smoothed poses: a session's replay repeats them, and undoes them on request.
 
-use drivers::replay::Pace;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use tempfile::NamedTempFile;
+
+use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use formats::session::WriterOptions;
+use pipeline::Observer;
 use pipeline::session::SessionStatus;
 use sonoweave_core::clock::MS;
 use sonoweave_core::reading::Reading;
+use sonoweave_core::slice::Slice;
+use sonoweave_core::{Device, NO_DEADLINE, Next};
 use sync::smoothing::Smoothing;
 
 use crate::replay::again;
@@ -28,6 +36,37 @@ fn noisy(begin_ns: i64) -> Script {
     Script::new("a tracker", poses_timing(true), acts.collect::<Vec<_>>())
 }
 
+/// The poses of slices, by their frames: three rows of four.
+#[derive(Default)]
+struct Poses(Mutex<BTreeMap<u64, Vec<f64>>>);
+
+impl Observer for Poses {
+    fn slice(&self, _world: &str, item: u64, slice: &Slice) {
+        self.0.lock().unwrap().insert(item, slice.world_from_image.to_rows()[..12].to_vec());
+    }
+}
+
+/// Returns the recorded poses before smoothing.
+fn unsmoothed(disk: &Memory) -> BTreeMap<u64, Vec<f64>> {
+    let file = NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), disk.bytes()).unwrap();
+    let settings = SessionSettings { images: false, ..SessionSettings::new(file.path()) };
+    let mut replay = SessionReplay::open(&settings).unwrap();
+    let mut poses = BTreeMap::new();
+    replay.start().unwrap();
+    loop {
+        match replay.next(NO_DEADLINE).unwrap() {
+            Next::Reading(Reading::Recorded(note)) if note.topic == "placed" => {
+                let note: serde_json::Value = serde_json::from_str(&note.text).unwrap();
+                let rows = note["unsmoothed"].as_array().unwrap().iter().map(|number| number.as_f64().unwrap());
+                poses.insert(note["frame"].as_u64().unwrap(), rows.collect());
+            }
+            Next::End => return poses,
+            _ => {}
+        }
+    }
+}
+
 #[test]
 fn replay_repeats_smoothed_poses_or_interpolates() {
     let (begin_ns, disk) = (begin(), Memory::default());
@@ -47,7 +86,12 @@ fn replay_repeats_smoothed_poses_or_interpolates() {
         assert_eq!((&replayed.digest, replayed.status.smoothing.as_ref()), (&live.digest, Some(&smoothing)));
     }
     // Without smoothing, the poses are those that the recording has beside the smoothed ones.
-    let (plain, decisions) = again(&disk, WAIT, Pace::Unpaced, false, |_, _| {});
+    let seen = Arc::new(Poses::default());
+    let (plain, decisions) = again(&disk, WAIT, Pace::Unpaced, false, |session, _| {
+        session.observers.push(Arc::clone(&seen) as Arc<dyn Observer>);
+    });
+    let recorded = unsmoothed(&disk);
+    assert!(recorded.len() > 50 && *seen.0.lock().unwrap() == recorded, "{} poses", recorded.len());
     assert!(decisions.differences().first.unwrap().contains("world_from_image"));
     assert_eq!(plain.status.smoothing, None);
     assert_ne!(plain.digest, live.digest);

@@ -147,8 +147,7 @@ pub fn smoothed(history: &PoseHistory, time_ns: i64, settings: &Smoothing) -> Re
     };
     let at = |sample: &PoseSample| (sample.time_ns - time_ns) as f64 / half_ns as f64;
     let noise = fast_noise(&samples).ok_or(few)?;
-    let mut fits = [None; 2];
-    for (kind, fitted) in fits.iter_mut().enumerate() {
+    let fitted = |kind: usize| {
         let FastNoise { variance, lag_1 } = noise[kind];
         let least = LEAST_VARIANCES[kind];
         if variance > least && lag_1 > LEAST_WHITE {
@@ -156,9 +155,9 @@ pub fn smoothed(history: &PoseHistory, time_ns: i64, settings: &Smoothing) -> Re
         }
         let values: Vec<Value> =
             window.iter().map(|sample| Value { at: at(sample), vector: components(sample)[kind] }).collect();
-        *fitted = Some(longest(&values, variance.max(least), least).map_err(|none| none.unwrap_or(few))?);
-    }
-    let [Some((position, position_length)), Some((rotation, rotation_length))] = fits else { return Err(few) };
+        longest(&values, variance.max(least), least).map_err(|none| none.unwrap_or(few))
+    };
+    let ((position, position_length), (rotation, rotation_length)) = (fitted(0)?, fitted(1)?);
     let pose = Rigid {
         rotation: (nearest.pose.rotation * of_rotation_vector(rotation.vector)).normalize(),
         position_mm: nearest.pose.position_mm + position.vector,
