@@ -10,7 +10,7 @@ pub(super) fn sentences(status: &SmoothingStatus) -> String {
          {moved_most_mm:.2}); their error is {error_rms_mm:.2} mm (rms) if the noise is white"
     );
     for (why, frames) in not_smoothed {
-        text += &format!("; {frames} were left as they are ({why})");
+        text += &format!("; left as they are: {frames} ({why})");
     }
     for SensorNoise { sensor: [from, to], position_mm, rotation_deg, lag_1, is_white } in sensors {
         text += &format!("\n{from} in {to}: noise {position_mm:.3} mm and {rotation_deg:.3}° along and about an axis");
