@@ -60,7 +60,8 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
         [("full", Mask::full(PIXELS[0], PIXELS[1])), ("fan", Mask::fan(PIXELS[0], PIXELS[1], &convex_fan(PIXELS)?))];
     orientations(effort, &settings, &masks, &sweeps, report)?;
     instruction_sets(effort, &settings, &masks[0].1, &sweeps[DIAGONAL], report)?;
-    threads(effort, &settings, &masks, &sweeps[DIAGONAL], report)
+    threads(effort, &settings, &masks, &sweeps[DIAGONAL], report)?;
+    standard_errors(effort, &settings, &masks[0].1, &sweeps[DIAGONAL], report)
 }
 
 /// Returns the sweep with its slices' normal, z, along another direction, after a rotation about
@@ -204,5 +205,38 @@ fn threads(
         let times = interleaved(effort.rounds, &mut contestants)?;
         report.threads(&format!("256³, {name}"), [&times[0], &times[1]], [&times[2], &times[3]]);
     }
+    Ok(())
+}
+
+/// Compares insertion with and without the sums for standard errors.
+fn standard_errors(
+    effort: Effort,
+    settings: &Settings,
+    mask: &Mask,
+    sweep: &[Slice],
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    let title = format!("256³: sums for standard errors, normal {}, full mask; ms a slice", ORIENTATIONS[DIAGONAL].0);
+    let columns = ["threads", "sums", "median", "p25", "p75", "p99", "× median", "× p99", "same mean"];
+    let mut table = Table::new("cube-standard-errors", title, &columns);
+    for threads in [1, 2] {
+        let without = Settings { threads, ..settings.clone() };
+        let with = Settings { standard_error: true, ..without.clone() };
+        let same = same_bits(&reconstructed(&without, mask, sweep)?, &reconstructed(&with, mask, sweep)?);
+        if !same {
+            report.wrong("256³: another mean with sums for standard errors".to_owned());
+        }
+        let mut contestants = [ours(&without, mask, sweep), ours(&with, mask, sweep)];
+        let times = interleaved(effort.rounds, &mut contestants)?;
+        for (t, sums) in times.iter().zip(["no", "yes"]) {
+            let mut row = vec![Cell::count(threads as u64), Cell::text(sums), Cell::Number(t.median(), 3)];
+            row.extend([0.25, 0.75, 0.99].map(|q| Cell::Number(t.quantile(q), 3)));
+            row.push(Cell::Number(t.over(&times[0])[1], 2));
+            row.push(Cell::Number(t.quantile(0.99) / times[0].quantile(0.99), 2));
+            row.push(Cell::text(if same { "yes" } else { "NO" }));
+            table.row(row);
+        }
+    }
+    report.add(table);
     Ok(())
 }

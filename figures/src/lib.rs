@@ -8,6 +8,7 @@
 //! - [`drawing`]: the figure as SVG.
 //! - [`files`]: the three files of a figure, and the page that shows several.
 //! - [`findings`]: the figures and checks of a run.
+//! - [`gaps`]: gaps between the slices of a sweep.
 //!
 //! This is a separate crate, because the text renderer takes as long to build as everything else
 //! here, and nothing else needs it.
@@ -20,6 +21,7 @@ pub mod drawing;
 pub mod figure;
 pub mod files;
 pub mod findings;
+pub mod gaps;
 pub mod lettering;
 pub mod raster;
 pub mod scale;

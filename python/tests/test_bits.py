@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import sonoweave
 from conftest import Reconstructed
-from sonoweave import Reconstructor, Sequence, Volume
+from sonoweave import InputError, Reconstructor, Sequence, Volume
 
 #: Recordings of PLUS and their configurations.
 RECORDINGS = [
@@ -113,6 +113,27 @@ def test_written_file_is_command_lines_byte_for_byte(program, sweep, tmp_path) -
     assert (tmp_path / "again-weights.mha").read_bytes() == written.weights_path.read_bytes()
     assert report is not None and report["frames"] == written.report["frames"]
     assert report["input_sha256"] == written.report["input_sha256"]
+
+
+def test_errors_and_planes_are_the_command_lines(program, sweep, tmp_path) -> None:
+    names = {"error": "e.mha", "planes": "p.png"}
+    flags = [f"--{name}={tmp_path / file}" for name, file in names.items()]
+    Reconstructed(program, sweep, tmp_path, "--first-moment", *flags)
+    own = {name: str(tmp_path / f"own-{file}") for name, file in names.items()}
+    reconstructor = Reconstructor(error=own["error"])
+    reconstructor.insert_all(Sequence.open(sweep))
+    report = reconstructor.snapshot().write(
+        tmp_path / "own.mha", type="f32", first_moment=True, planes=own["planes"]
+    )
+    assert report is not None and report["standard_error"]["median"] > 0
+    assert report["first_moment"]["change"] > 0
+    for file in names.values():
+        assert (tmp_path / f"own-{file}").read_bytes() == (tmp_path / file).read_bytes()
+    plain = Reconstructor()
+    plain.insert_all(Sequence.open(sweep))
+    with pytest.raises(InputError, match="keeps no sums for standard errors"):
+        plain.snapshot().write(tmp_path / "no.mha", error=str(tmp_path / "no-e.mha"))
+    assert not (tmp_path / "no.mha").exists()
 
 
 def test_frames_in_part_are_those_of_the_command_line(program, sweep, tmp_path) -> None:

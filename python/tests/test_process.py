@@ -86,10 +86,15 @@ def test_other_threads_run_meanwhile(counter, long_sweep, tmp_path, name) -> Non
     assert counted > 2 * CALLS.get(name, 1) + 2, f"{counted} in {seconds} s"
 
 
+def repeated(sweep: Sequence) -> Sequence:
+    """Return a sweep five times: at a fine spacing it takes a second, ten calls of progress."""
+    return Sequence.from_arrays(
+        np.tile(np.stack(list(sweep)), (5, 1, 1)), np.tile(sweep.poses, (5, 1, 1))
+    )
+
+
 def test_interrupt_ends_run_and_keeps_volume(long_sweep) -> None:
-    # To and fro five times, so that it takes a second.
-    frames, poses = np.stack(list(long_sweep)), long_sweep.poses
-    long = Sequence.from_arrays(np.tile(frames, (5, 1, 1)), np.tile(poses, (5, 1, 1)))
+    long = repeated(long_sweep)
     reconstructor = Reconstructor(spacing=0.25, clip="none", threads=1)
     interrupted: list[float] = []
 
@@ -125,19 +130,24 @@ def test_interrupt_ends_run_and_keeps_volume(long_sweep) -> None:
 
 
 def test_interrupted_volume_is_that_of_its_frames(long_sweep) -> None:
-    reconstructor = Reconstructor(spacing=0.8, clip="none", path="general")
+    long = repeated(long_sweep)
+
+    def empty() -> Reconstructor:
+        return Reconstructor(spacing=0.25, clip="none", path="general", threads=1)
+
+    reconstructor = empty()
 
     def stop(done: int, total: int) -> None:
         if done > 20:
             raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        reconstructor.insert_all(long_sweep, progress=stop)
+        reconstructor.insert_all(long, progress=stop)
     used = reconstructor.ledger["frames"]["used"]
-    assert 20 < used < len(long_sweep)
-    again = Reconstructor(spacing=0.8, clip="none", path="general")
+    assert 20 < used < len(long)
+    again = empty()
     for at in range(used):
-        again.insert(long_sweep[at], long_sweep.poses[at], time=long_sweep.times[at])
+        again.insert(long[at], long.poses[at])
     assert np.array_equal(again.snapshot().values(), reconstructor.snapshot().values())
 
 

@@ -40,6 +40,12 @@ impl Made<'_> {
             fields.push(line("SigmaMm", &sigma));
             fields.push(line("SupportMm", &support));
         }
+        if reconstructor.settings().gap_weights {
+            fields.push(line("GapWeights", "half the distance of neighbours, in sigma"));
+        }
+        if let Some(shadows) = reconstructor.settings().shadow_weights {
+            fields.push(line("ShadowWeights", &shadows.to_string()));
+        }
         if let Some(smoothing) = &outcome.smoothing {
             fields.push(line("Smoothing", &smoothing.words()));
         }

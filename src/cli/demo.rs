@@ -103,7 +103,9 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     let outputs = Outputs {
         volume: Some(out.join("volume.mha")),
         weights: None,
+        errors: None,
         picture: Some(out.join("picture.png")),
+        first_moment: false,
         filling: None,
         json: JsonFlag::to_file(out.join("statistics.json")),
     };

@@ -51,7 +51,10 @@ const HEADINGS: &[(&str, &[&str])] = &[
     ("Volume", &["spacing", "origin", "size", "type", "window", "unseen", "max-memory"]),
     ("Image data", &["clip", "fan", "frames"]),
     ("Insertion", &["path", "departure", "planar-tolerance", "threads", "simd"]),
-    ("Outputs", &["weights", "planes", "picture", "pictures", "every", "json", "fill", "fill-radius", "seen-label"]),
+    (
+        "Outputs",
+        &["weights", "error", "planes", "picture", "pictures", "every", "json", "fill", "fill-radius", "seen-label"],
+    ),
     (
         "Kernel and compounding",
         &[

@@ -22,7 +22,7 @@ use arguments::{OutputFlags, SessionArguments};
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "headless", "output", "weights", "fill", "fill_radius", "picture", "igtl", "igtl_allow", "igtl_save", "igtl_wait"])),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "keys_schema", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "headless", "output", "weights", "error", "fill", "fill_radius", "picture", "igtl", "igtl_allow", "igtl_save", "igtl_wait"])),
     after_long_help = "\
 With --config alone, a session runs until Ctrl-C, SIGTERM or the end of --duration, and then writes its outputs. A \
 second signal ends it at once, without further outputs. --check opens all devices and waits 5 s at most for each. It \

@@ -26,8 +26,8 @@ A sequence needs a chain of transforms from its frames to the world: ProbeToTrac
 sequence, and the probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds \
 ImageToReference, ImageToWorld or ImageToTracker needs no calibration.
 
-For several sweeps, give folders as -o, --weights, --planes and --json=; they may be the same. A sweep NAME.igs.mha \
-results in NAME.mha (or another --format), NAME.weights.mha, NAME.planes.png and NAME.json.
+For several sweeps, give folders as -o, --weights, --error, --planes and --json=; they may be the same. A sweep \
+NAME.igs.mha results in NAME.mha (or another --format), NAME.weights.mha, NAME.error.mha, NAME.planes.png and NAME.json.
 
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
          sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes \

@@ -63,6 +63,9 @@ pub struct Arguments {
     /// Write the weights too: 0 for unseen voxels, −1 for filled ones
     #[arg(long, value_name = "FILE.mha", help_heading = "Outputs", hide_short_help = true)]
     weights: Option<PathBuf>,
+    /// Write the standard error of its voxels, in grey levels: −1 for unseen ones
+    #[arg(long, value_name = "E.mha", help_heading = "Outputs", hide_short_help = true)]
+    error: Option<PathBuf>,
     /// Existing folder for intermediate pictures, named by the frame: frame-00012.png
     #[arg(long, value_name = "DIR", help_heading = "Outputs", hide_short_help = true)]
     pictures: Option<PathBuf>,
@@ -76,6 +79,10 @@ pub struct Arguments {
         hide_short_help = true
     )]
     every: NonZeroU64,
+    /// Correct each written value, by the slope around it, where slices lie beside their voxel on
+    /// average, as between uneven gaps
+    #[arg(long, help_heading = "Outputs", hide_short_help = true)]
+    first_moment: bool,
     #[command(flatten)]
     filling: FillFlags,
     #[command(flatten)]
@@ -115,6 +122,8 @@ impl Arguments {
             outputs: Outputs {
                 volume: self.output.clone(),
                 weights: self.weights.clone(),
+                errors: self.error.clone(),
+                first_moment: self.first_moment,
                 filling: self.filling.filling(),
                 picture: self.picture.clone(),
                 json: self.json.clone(),

@@ -191,8 +191,8 @@ impl LibraryVolume {
     }
 
     /// Writes the volume in the format of the name; a reconstruction as the command line writes
-    /// it, by keywords such as `type`, `window`, `unseen`, `fill` and `weights`. Returns the report
-    /// of a reconstruction, as JSON.
+    /// it, by keywords such as `type`, `window`, `unseen`, `fill`, `error` and `weights`. Returns
+    /// the report of a reconstruction, as JSON.
     ///
     /// # Errors
     /// [`LibraryError`]: the file that failed does not exist, or is as before.
@@ -202,7 +202,8 @@ impl LibraryVolume {
         match &self.content {
             Content::Reconstruction { outcome, sweep, keywords, origin, .. } => {
                 let flags = given.or(keywords).flags().map_err(failed)?;
-                let beside = Beside { weights: weights.map(Path::to_owned), ..Beside::default() };
+                // The report is returned.
+                let beside = Beside { weights: weights.map(Path::to_owned), json: None, ..flags.beside() };
                 let options = flags.outputs(Some(path), beside);
                 let request = Request::new(origin.clone(), sweep, options, began).map_err(failed)?;
                 let written = request.write(&mut lock(outcome), None::<&()>).map_err(failed)?;

@@ -21,7 +21,7 @@ use sha2::{Digest, Sha256};
 use mask::Mask;
 use reconstruct::kernel::Method;
 use reconstruct::planar::{OnDeparture, PlanarSettings};
-use reconstruct::{Compounding, Decay, PathReconstructor, Settings};
+use reconstruct::{Compounding, Decay, PathReconstructor, Settings, ShadowWeights};
 use render::camera::View;
 use render::classify::transfer::Transfer;
 use render::{Mode, Picture, RenderRegion, RenderSettings, Renderer, Shading};
@@ -96,6 +96,9 @@ fn scans() -> Vec<(String, bool, Settings)> {
     for method in Method::ALL {
         scans.push((format!("mean-{}", method.name()), false, Settings { method, ..usual.clone() }));
     }
+    scans.push(("mean-gap-weights".to_owned(), false, Settings { gap_weights: true, ..usual.clone() }));
+    let shadow_weights = Some(ShadowWeights { tail_mm: 4.0, ..ShadowWeights::default() });
+    scans.push(("mean-shadow-weights".to_owned(), false, Settings { shadow_weights, ..usual }));
     scans
 }
 
@@ -114,9 +117,13 @@ fn reconstructor(is_planar: bool, settings: Settings) -> PathReconstructor {
 
 /// Inserts a sweep.
 fn reconstructed(is_planar: bool, settings: Settings) -> PathReconstructor {
+    let gaps = settings.weights_by_gaps();
     let mut reconstructor = reconstructor(is_planar, settings);
-    for slice in sweep(is_planar) {
-        reconstructor.insert(&slice).unwrap();
+    let slices = sweep(is_planar);
+    let poses = slices.iter().map(|slice| slice.world_from_image);
+    let weights = gaps.map_or_else(|| vec![1.0; slices.len()], |gaps| gaps.of_sweep(poses, SIZE));
+    for (slice, weight) in slices.iter().zip(weights) {
+        reconstructor.insert_weighted(slice, weight).unwrap();
     }
     reconstructor
 }

@@ -227,6 +227,18 @@ impl Volume {
         inside.then(|| self.values[((voxel[2] * size[1] + voxel[1]) * size[0] + voxel[0]) as usize])
     }
 
+    /// Returns the value of another volume at the world position of this one's value `i`; `None`
+    /// outside.
+    pub(crate) fn of_other(&self, i: usize, other: &Volume) -> Option<f32> {
+        let VolumeHeader { size, origin, spacing, .. } = &self.header;
+        let [nx, ny] = [size[0] as usize, size[1] as usize];
+        let index = [i % nx, i / nx % ny, i / nx / ny];
+        other.at(std::array::from_fn(|a| {
+            let mm = origin[a] + index[a] as f64 * spacing[a] - other.header.origin[a];
+            (mm / spacing[a]).round() as i64
+        }))
+    }
+
     pub(crate) fn field(&self, name: &str) -> &str {
         let field = self.header.fields.iter().find(|(n, _)| n == name);
         field.map_or_else(|| panic!("no field {name} in {:?}", self.header.fields), |(_, value)| value)

@@ -18,8 +18,12 @@ test("the page stands at once, and both pictures move", async (t) => {
     await drawn(page, name, 3);
     const before = await greys(page, name);
     assert.ok(Math.max(...before.grey) > 40, `${name}: something is in it`);
-    await drawn(page, name, 10);
-    const moved = difference(before, await greys(page, name));
+    // A volume that many slices entered already changes slowly.
+    let moved = 0;
+    for (let tens = 0; moved <= 0.05 && tens < 20; tens++) {
+      await drawn(page, name, 10);
+      moved = difference(before, await greys(page, name));
+    }
     assert.ok(moved > 0.05, `${name}: it moves (by ${moved.toFixed(2)} of 255)`);
   }
   await says(page, "All is well");

@@ -331,6 +331,39 @@ test("the volume's look is chosen, its opacities are dragged, and it is reset", 
   await session.end();
 });
 
+test("errors are laid over the planes on request, and the cross tells its grey value with its interval", async () => {
+  const session = await Session.uncertain();
+  const seen = await showing(session.address, 40);
+  const { page } = seen;
+  const button = page.getByRole("button", { name: "Errors" });
+  // The middle may be unseen at first.
+  await page.waitForFunction(() => /^at .* mm: grey [0-9.]+ ± [0-9.]+, [0-9.]+ slices$/.test(document.getElementById("planes-caption").textContent));
+  assert.equal(await button.getAttribute("aria-pressed"), "false");
+  assert.equal((await colours(page, "z")).other, 0, "greys and the blue of unseen places only");
+  await button.click();
+  await until(page, 3, ({ errors }) => errors === true);
+  await page.waitForFunction(() => document.getElementById("planes-errors").getAttribute("aria-pressed") === "true");
+  for (let n = 0; (await colours(page, "z")).other < 100; n += 1) {
+    assert.ok(n < 300, "orange where it is uncertain");
+    await page.waitForTimeout(100);
+  }
+  await shot(page, "planes-errors");
+  await button.click();
+  await until(page, 3, ({ errors }) => errors === false);
+  for (let n = 0; (await colours(page, "z")).other > 0; n += 1) {
+    assert.ok(n < 300, "grey again");
+    await page.waitForTimeout(100);
+  }
+  assert.deepEqual(seen.complaints, []);
+  await close(seen);
+  await session.end();
+  // A volume without errors has a value, and nothing to show.
+  const plain = await planes();
+  await plain.page.waitForFunction(() => /: grey [0-9]+$/.test(document.getElementById("planes-caption").textContent));
+  assert.equal(await plain.page.locator("#planes-errors").isVisible(), false);
+  await close(plain);
+});
+
 test("who looks on sees the planes of who steers, and moves none", async () => {
   const first = await planes();
   const { address } = await shared();

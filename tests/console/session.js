@@ -34,6 +34,14 @@ export class Session {
     return Session.#run(place, ["live", "--config", small(place, "8"), "--headless", "--console", "127.0.0.1:0"]);
   }
 
+  /// Begins a small session whose volume keeps standard errors.
+  static async uncertain() {
+    const place = mkdtempSync(join(OUT, "session-"));
+    const config = small(place, "8");
+    writeFileSync(config, readFileSync(config, "utf8").replace(/^\[volume\].*$/m, "[volume]\nstandard_error = true"));
+    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
   /// Begins a session that finds its mask by itself: a thigh, which fills the scanner's fan.
   static async searching() {
     const place = mkdtempSync(join(OUT, "session-"));

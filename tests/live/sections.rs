@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use pipeline::session::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
+use pipeline::session::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork, Readout};
+use reconstruct::PathReconstructor;
 use render::section::{Planar, Plane, Sampled};
 
 use crate::script::{begin, frames as all_frames, poses};
@@ -30,6 +31,8 @@ struct Viewer {
     aside: AtomicU64,
     style: AtomicU64,
     requested: AtomicU64,
+    /// Whether standard errors are shown.
+    errors: AtomicBool,
     /// While this is set, the viewer blocks.
     stuck: AtomicBool,
     seen: Mutex<Vec<Seen>>,
@@ -40,9 +43,15 @@ struct Seen {
     request: PlaneRequest,
     extent: Extent,
     sampled: Vec<Sampled>,
+    errors: Vec<Sampled>,
+    keeps_errors: bool,
+    readout: Option<Readout>,
     slices: u64,
     work: PlaneWork,
 }
+
+/// The place that is read out: a voxel's middle.
+const PLACE: DVec3 = DVec3::new(16.0, 12.0, 20.0);
 
 const ACROSS: usize = 0;
 const ALONG: usize = 1;
@@ -83,9 +92,19 @@ impl PlaneViewer for Viewer {
         wanted.collect()
     }
 
+    fn shows_errors(&self) -> bool {
+        self.errors.load(Ordering::Relaxed)
+    }
+
+    fn readout_at(&self, _: &Extent) -> DVec3 {
+        PLACE
+    }
+
     fn show_plane(&self, image: &PlaneImage<'_>) {
-        let PlaneImage { request, extent, sampled, slices, work, .. } = *image;
-        self.seen.lock().unwrap().push(Seen { request, extent, sampled: sampled.to_vec(), slices, work });
+        let PlaneImage { request, extent, sampled, errors, keeps_errors, readout, slices, work, .. } = *image;
+        let (sampled, errors) = (sampled.to_vec(), errors.to_vec());
+        let seen = Seen { request, extent, sampled, errors, keeps_errors, readout, slices, work };
+        self.seen.lock().unwrap().push(seen);
         let begun = Instant::now();
         while self.stuck.load(Ordering::Relaxed) && begun.elapsed() < PATIENCE {
             std::thread::sleep(Duration::from_millis(2));
@@ -198,4 +217,41 @@ fn stuck_plane_viewer_delays_no_slice() {
     assert!(inserted_meanwhile >= 50, "slices are inserted while nobody answers: {inserted_meanwhile}");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     are_the_volume_s(&viewer, &finished);
+}
+
+#[test]
+fn planes_have_standard_errors_when_asked() {
+    let viewer = Arc::new(Viewer { looks: true.into(), ..Viewer::default() });
+    let set = Set { standard_error: true, ..viewed_by(&viewer) };
+    let (finished, _) = set.until(|status, _| {
+        viewer.errors.store(status.ledger.frames.used > COUNT / 2, Ordering::Relaxed);
+        status.ledger.frames.used == COUNT
+    });
+    let reconstructor = &finished.outcome.as_ref().unwrap().reconstructor;
+    let errors = reconstructor.standard_errors(0.0).unwrap();
+    are_the_volume_s(&viewer, &finished);
+    assert!(viewer.seen().iter().all(|seen| seen.keeps_errors));
+    assert!(viewer.seen().iter().any(|seen| seen.errors.is_empty()), "before they were asked for");
+    for number in [ACROSS, ALONG, OBLIQUE] {
+        let last = viewer.of(number).pop().unwrap();
+        let planar = Planar { volume: &errors, place: last.extent.place, team: None };
+        let (expected, _) = planar.sample(&last.request.section);
+        assert_eq!(last.errors.len(), expected.len());
+        let pairs = last.errors.iter().zip(&expected).filter(|(_, expected)| expected.is_seen());
+        // The noise of the whole volume is taken now and then.
+        let (near, seen) = pairs.fold((0, 0), |(near, seen), (found, expected)| {
+            let is_near = (found.value - expected.value).abs() <= 0.3 * expected.value;
+            (near + usize::from(is_near), seen + 1)
+        });
+        assert!(seen > 500 && near * 10 > seen * 9, "{number}: {near} of {seen}");
+        let readout = last.readout.unwrap();
+        assert_eq!(Some(readout.value), value_at_place(reconstructor), "{number}");
+        assert!(readout.error.unwrap().standard_error > 0.0, "{readout:?}");
+    }
+}
+
+/// Returns the finished volume's value at the place that is read out.
+fn value_at_place(reconstructor: &PathReconstructor) -> Option<f32> {
+    let (r, w) = reconstructor.volume().voxel(PLACE.round().to_array().map(|x| x as i64));
+    (w > 0.0).then(|| r / w)
 }

@@ -48,6 +48,8 @@ pub(crate) struct Set {
     pub(crate) watch: Option<Watch>,
     /// Smoothing of the poses.
     pub(crate) smoothing: Option<Smoothing>,
+    /// Whether the volume keeps standard errors.
+    pub(crate) standard_error: bool,
 }
 
 /// Observed status.
@@ -105,6 +107,7 @@ impl Set {
             record: None,
             watch: None,
             smoothing: None,
+            standard_error: false,
         }
     }
 
@@ -142,7 +145,8 @@ impl Set {
     ) -> (Finished, Seen) {
         let (watch, plane_viewer) = (self.watch.clone(), self.plane_viewer.clone());
         let smoothing = self.smoothing;
-        let session = Session { watch, plane_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
+        let mut session = Session { watch, plane_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
+        session.settings.standard_error = self.standard_error;
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
@@ -226,6 +230,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Sessio
         pairing: PairingOptions { statics, ..PairingOptions::default() },
         wait_ns,
         longest_gap_ns: 100 * MS,
+        pose_noise: None,
         smoothing: None,
         stuck_after_ns: SECOND / 2,
         mask: MaskSettings { clip: Clip::None, ..MaskSettings::default() },

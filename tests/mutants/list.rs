@@ -14,7 +14,7 @@ pub(crate) struct Mutant {
     pub(crate) file: String,
     /// An expression, or whole statements up to their last semicolon that name nothing used
     /// later.
-    original: String,
+    pub(crate) original: String,
     /// Its replacement; may be empty for statements.
     mutated: String,
     /// A text that contains the original and occurs once, if the original alone does not.

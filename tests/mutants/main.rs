@@ -60,18 +60,33 @@ fn main() -> ExitCode {
     };
     let applied = {
         let work = Arc::clone(&work);
-        Trial::test("every mutant applies to its source", move || applied(&work.mutants))
+        Trial::test("every mutant applies to its source and can be parsed", move || applied(&work.mutants))
     };
     let trials = chosen.into_iter().map(trial).chain([applied]).collect();
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-/// Puts all mutants into their sources, without a build.
+/// Puts all mutants into their sources, and parses these with each of them, without a build.
 fn applied(mutants: &[Mutant]) -> Result<(), Failed> {
     let files: BTreeSet<&str> = mutants.iter().map(|mutant| mutant.file.as_str()).collect();
     for file in files {
         let source = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
-        list::switched(file, &source.map_err(|error| format!("{file}: {error}"))?, mutants)?;
+        let source = source.map_err(|error| format!("{file}: {error}"))?;
+        list::switched(file, &source, mutants)?;
+        for mutant in mutants.iter().filter(|mutant| mutant.file == file) {
+            if mutant.original.starts_with("let ") {
+                return Err(
+                    format!("mutant {:?} hides a name from what follows: take its value alone", mutant.name).into()
+                );
+            }
+            syn::parse_file(&list::switched(file, &source, std::slice::from_ref(mutant))?).map_err(|error| {
+                format!(
+                    "mutant {:?} of {file} is no expression and no statement: {error}. Change it in \
+                     tests/mutants/list.toml.",
+                    mutant.name
+                )
+            })?;
+        }
     }
     Ok(())
 }

@@ -109,7 +109,7 @@ fn every_end(sheet: &mut Sheet) {
         let weight =
             |z: i64| reached.iter().filter(|(i, _)| i[2] == z).map(|(_, w)| f32::from_bits(*w)).fold(0.0, f32::max);
         let what = method.name();
-        let steps = matches!(method, Method::GaussianTruncated | Method::Nearest);
+        let steps = matches!(method, Method::GaussianTruncated | Method::Gaussian4 | Method::Nearest);
         for z in [-4, 4] {
             match steps {
                 true => sheet.above(&format!("{what}: weight at plane {z}"), f64::from(weight(z)), 0.1),

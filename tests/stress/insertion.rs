@@ -16,7 +16,10 @@ use volume::brick_volume::SEEN;
 use volume::{BrickVolume, Grid, Voxels};
 
 /// The kernels' methods. New methods are tested by adding them here.
-pub(crate) const METHODS: [Method; 5] = Method::ALL;
+pub(crate) const METHODS: [Method; 6] = Method::ALL;
+/// Kernels that blur as their variance says. That of the fourth order has none, and lobes.
+pub(crate) const BLURRING: [Method; 5] =
+    [Method::Gaussian, Method::GaussianTruncated, Method::BSpline3, Method::Linear, Method::Nearest];
 /// Methods whose in-plane kernel has the requested σ, and not the pixels'.
 pub(crate) const WIDE: [Method; 3] = [Method::Gaussian, Method::GaussianTruncated, Method::BSpline3];
 /// Both insertion paths.

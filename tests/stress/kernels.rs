@@ -13,7 +13,7 @@ use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::insertion::{METHODS, Probe, Voxel, WIDE, half_mm, positions, reconstruct_all, seen, turned};
+use crate::insertion::{BLURRING, Probe, Voxel, WIDE, half_mm, positions, reconstruct_all, seen, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -61,7 +61,7 @@ fn blobs(sheet: &mut Sheet) {
     for (name, axes) in [("straight", DMat3::IDENTITY), ("turned", turned(0.7, -0.4, 0.3))] {
         let coarse = Probe { axes, ..Probe::straight([96, 96], 0.2) };
         let coarse_slices = scan(&coarse, 0.3, |p| scene.value(p));
-        for method in METHODS {
+        for method in BLURRING {
             let average = method == Method::Nearest;
             // For straight slices, every voxel would have the same distance from its pixel.
             if average && axes == DMat3::IDENTITY {
@@ -126,7 +126,7 @@ impl Round {
 /// that are not averaged must be fine beside it. The nearest method is tested by its rms, as
 /// with the blobs.
 fn sphere(sheet: &mut Sheet) {
-    for method in METHODS {
+    for method in BLURRING {
         let (edge, gap) = match method {
             Method::Linear => (0.8, 0.2),
             Method::Nearest => (1.2, 0.1),
@@ -295,7 +295,7 @@ fn amplitude(voxels: &[Voxel], wave: DVec3) -> f64 {
 /// There the kernel's own transform is the closed form.
 fn waves(sheet: &mut Sheet) {
     let axes = turned(0.7, -0.4, 0.3);
-    for method in METHODS {
+    for method in BLURRING {
         // The nearest method's samples between pixels and slices are correct only on average
         // over many.
         let (probe, gap) = match method {

@@ -10,7 +10,7 @@ use calibration::arm::Arm;
 use calibration::file::preset::Preset;
 use calibration::file::record::Record;
 use calibration::file::{CalibrationFile, Latency};
-use calibration::tracker::noise::RestNoise;
+use calibration::tracker::noise::{RestNoise, TrackerNoise};
 use calibration::tracker::zones::Zones;
 use mask::{Clip, MaskSettings};
 use sonoweave_core::keys::numbers;
@@ -91,6 +91,13 @@ impl Settings {
             world: world.or(self.world.as_deref()).map(str::to_owned),
             statics: self.transforms.clone(),
         }
+    }
+
+    /// Returns the noise of a sensor's pose: at rest, or by the residuals of the probe's
+    /// calibration. `None` if the file states neither.
+    pub fn sensor_noise(&self) -> Option<TrackerNoise> {
+        let fitted = || self.record.quality.and_then(|quality| quality.sensors);
+        self.tracker_noise.map(|noise| noise.whole).or_else(fitted)
     }
 
     /// Returns the settings of our calibration file.

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 
 use reconstruct::kernel::{Method, Support, sigma_from_hwhm};
-use reconstruct::{Compounding, Decay, Settings};
+use reconstruct::{Compounding, Decay, Settings, ShadowWeights};
 
 use super::Error;
 
@@ -63,6 +63,10 @@ pub struct Weighing {
     pub decay_rate: Option<f64>,
     /// Time before fading begins, s.
     pub decay_wait: Option<f64>,
+    /// Whether slices are weighted by the gaps beside them.
+    pub gap_weights: bool,
+    /// Whether pixels are weighted by their shadows.
+    pub shadow_weights: bool,
 }
 
 impl Weighing {
@@ -97,6 +101,20 @@ impl Weighing {
         };
         settings.max_weight = self.max_weight;
         settings.compounding = self.compounding()?;
+        settings.gap_weights = self.gap_weights;
+        settings.shadow_weights = self.shadow_weights.then(ShadowWeights::default);
+        let weights = [(self.gap_weights, "gap_weights", "gap"), (self.shadow_weights, "shadow_weights", "shadow")];
+        if let Some((_, setting, of)) = weights.into_iter().find(|(is_given, ..)| *is_given)
+            && settings.compounding.selects()
+        {
+            return Err(Error::setting(
+                setting,
+                format!(
+                    "{of} weights are those of a mean; leave them out, or choose the compounding mean instead of {}",
+                    settings.compounding.name()
+                ),
+            ));
+        }
         Ok(())
     }
 

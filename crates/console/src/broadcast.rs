@@ -319,6 +319,14 @@ impl PlaneViewer for FrameBroadcaster {
         self.planes().requests(extent, |kind| self.is_viewed(kind))
     }
 
+    fn shows_errors(&self) -> bool {
+        self.planes().shows_errors()
+    }
+
+    fn readout_at(&self, extent: &Extent) -> DVec3 {
+        self.planes().cross(extent)
+    }
+
     fn show_plane(&self, image: &PlaneImage<'_>) {
         let (kind, size) = (planes::KINDS[image.request.number], image.request.section.size);
         let window = {
@@ -326,7 +334,7 @@ impl PlaneViewer for FrameBroadcaster {
             planes.show(&image.request);
             planes.window()
         };
-        let pixels = planes::coloured(image.sampled, size[0], window);
+        let pixels = planes::coloured(image.sampled, image.errors, size[0], window);
         let times = (image.item, image.captured_ns.map(unix_ms));
         self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().to_json(image, sequence)));
     }

@@ -62,6 +62,10 @@ enum MessageJson {
         black: f64,
         white: f64,
     },
+    /// Shows or hides the standard errors of the planes' voxels.
+    Errors {
+        on: bool,
+    },
     /// Sets the style of the volume's picture: a preset or the configured transfer function,
     /// and points that replace its opacities.
     Transfer {
@@ -184,6 +188,7 @@ impl ClientMessage {
             MessageJson::Cross { at } => Move::Cross(at).into(),
             MessageJson::Tilt { right, up, clockwise } => Move::Tilt { right, up, clockwise }.into(),
             MessageJson::Window { black, white } => Move::Window([black, white]).into(),
+            MessageJson::Errors { on } => Move::Errors(on).into(),
             MessageJson::Reset { of: Reset::Planes } => Move::Home.into(),
             MessageJson::Reset { of: Reset::Window } => Move::HomeWindow.into(),
             MessageJson::Transfer { preset, points } => Self::View(ViewMessage::Style(Choice { preset, points })),

@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
 use export::panel::grey;
-use pipeline::session::{Extent, PlaneImage, PlaneRequest};
+use pipeline::session::{Extent, PlaneImage, PlaneRequest, Readout};
 use render::section::{Plane, Sampled, Section};
 
 use super::encoded_frame::{Kind, Pixmap};
@@ -25,6 +25,11 @@ const BINS: usize = 64;
 /// Unseen pixels are not grey but dark blue, hatched with a brighter blue.
 const UNSEEN: [u8; 3] = [27, 42, 58];
 const HATCH: [u8; 3] = [52, 82, 110];
+/// Colour and largest opacity of uncertain pixels.
+const WASH: [u8; 3] = [255, 122, 0];
+const MOST_WASH: f32 = 0.75;
+/// Standard error at which it is reached, as a part of the window.
+const FULL: f32 = 0.05;
 /// Period of the hatch and width of its lines, pixels.
 const HATCHED: [u32; 2] = [8, 2];
 
@@ -55,6 +60,8 @@ pub enum Move {
     Home,
     /// Resets the grey values to the configured ones.
     HomeWindow,
+    /// Shows or hides the standard errors of the planes' voxels.
+    Errors(bool),
 }
 
 /// Position and style of the planes.
@@ -73,8 +80,9 @@ pub struct Planes {
     shown: [Option<Section>; KINDS.len()],
     /// Number of moves and changes: of two messages, the one with the higher number holds.
     turn: u64,
-    /// Number of window changes.
-    window_changes: u64,
+    /// Number of changes of the window and of what is shown.
+    style_changes: u64,
+    shows_errors: bool,
 }
 
 impl Default for Planes {
@@ -87,7 +95,8 @@ impl Default for Planes {
             extent: None,
             shown: [None; KINDS.len()],
             turn: 0,
-            window_changes: 0,
+            style_changes: 0,
+            shows_errors: false,
         }
     }
 }
@@ -103,7 +112,7 @@ impl Planes {
     pub(super) fn usual(&mut self, window: [f32; 2]) {
         if self.usual != window {
             self.usual = window;
-            self.window_changes += 1;
+            self.style_changes += 1;
         }
     }
 
@@ -112,8 +121,13 @@ impl Planes {
         self.window.unwrap_or(self.usual)
     }
 
+    /// Returns whether the planes are shown with standard errors.
+    pub(super) fn shows_errors(&self) -> bool {
+        self.shows_errors
+    }
+
     /// Returns the crossing point of all planes, which is always inside the volume.
-    fn cross(&self, extent: &Extent) -> DVec3 {
+    pub(super) fn cross(&self, extent: &Extent) -> DVec3 {
         let Some(cross) = self.cross else { return extent.place.middle() };
         let lattice = extent.place.lattice_from_world().transform_point3(cross);
         let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
@@ -148,7 +162,7 @@ impl Planes {
         let section = |number| self.plane(number, extent).cover(&extent.place, extent.voxel_mm, MOST_PX);
         viewers
             .filter_map(|(number, _)| {
-                Some(PlaneRequest { number, section: section(number).ok()?, style: self.window_changes })
+                Some(PlaneRequest { number, section: section(number).ok()?, style: self.style_changes })
             })
             .collect()
     }
@@ -190,12 +204,16 @@ impl Planes {
                     return Err(RequestError::Window(MOST_GREY));
                 }
                 self.window = Some([black as f32, white as f32]);
-                self.window_changes += 1;
+                self.style_changes += 1;
             }
             Move::Home => (self.cross, self.free) = (None, None),
+            Move::Errors(shown) => {
+                self.shows_errors = shown;
+                self.style_changes += 1;
+            }
             Move::HomeWindow => {
                 self.window = None;
-                self.window_changes += 1;
+                self.style_changes += 1;
             }
         }
         self.turn += 1;
@@ -223,7 +241,11 @@ impl Planes {
 
     /// Returns the description that precedes a plane's picture.
     pub(super) fn to_json(&self, image: &PlaneImage<'_>, sequence: u32) -> Value {
-        let PlaneImage { request, extent, sampled, slices, work, .. } = image;
+        let PlaneImage { request, extent, sampled, slices, work, keeps_errors, readout, .. } = image;
+        let readout = readout.map(|Readout { value, error }| {
+            let interval = error.map(|error| error.half_width_95());
+            json!({ "value": value, "error": interval, "slices": error.map(|error| error.slices) })
+        });
         let [first, right, down] =
             [request.section.first, request.section.right, request.section.down].map(|v| v.to_array());
         let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
@@ -243,6 +265,8 @@ impl Planes {
             "volume": { "corner": to_world.transform_point3(low).to_array(), "edges": edges },
             "turn": self.turn,
             "cross": self.cross(extent).to_array(),
+            "voxel": readout,
+            "errors": keeps_errors.then_some(self.shows_errors),
             "home": self.cross.is_none() && self.free.is_none(),
             "window": self.window(),
             "levels": extent.grey_levels,
@@ -262,13 +286,15 @@ fn turned([right, down]: [DVec3; 2], right_deg: f64, up_deg: f64, clockwise_deg:
     squared(by * right, by * down)
 }
 
-/// Returns red, green and blue of a plane's pixels.
-pub(super) fn coloured(sampled: &[Sampled], width: u32, window: [f32; 2]) -> Pixmap {
+/// Returns red, green and blue of a plane's pixels, under their standard errors if there are any.
+pub(super) fn coloured(sampled: &[Sampled], errors: &[Sampled], width: u32, window: [f32; 2]) -> Pixmap {
     let mut pixels = Vec::with_capacity(3 * sampled.len());
     let (mut i, mut j) = (0, 0);
+    let mut errors = errors.iter();
     for sampled in sampled {
+        let error = errors.next();
         pixels.extend(match sampled.is_seen() {
-            true => [grey(sampled.value, window); 3],
+            true => washed(grey(sampled.value, window), error.map_or(0.0, |error| error.value), window),
             false => unseen(i, j),
         });
         i += 1;
@@ -277,6 +303,15 @@ pub(super) fn coloured(sampled: &[Sampled], width: u32, window: [f32; 2]) -> Pix
         }
     }
     Pixmap::Colour(pixels.into())
+}
+
+/// Returns the colour of a grey pixel: the larger its standard error, the more orange.
+fn washed(grey: u8, error: f32, [black, white]: [f32; 2]) -> [u8; 3] {
+    let share = (error / (FULL * (white - black))).clamp(0.0, 1.0) * MOST_WASH;
+    [0, 1, 2].map(|channel| {
+        let (from, to) = (f32::from(grey), f32::from(WASH[channel]));
+        (from + share * (to - from)).round() as u8
+    })
 }
 
 /// Returns the colour of an unseen pixel.
@@ -420,11 +455,16 @@ mod tests {
         let seen = |value| Sampled { value, weight: 1.0, share: 1.0 };
         let sampled: Vec<Sampled> =
             (0..40).map(|n| if n % 2 == 0 { seen(n as f32) } else { Sampled::UNSEEN }).collect();
-        let colours = |window| match coloured(&sampled, 10, window) {
+        let colours = |errors: &[Sampled], window| match coloured(&sampled, errors, 10, window) {
             Pixmap::Colour(pixels) => pixels.to_vec(),
             Pixmap::Grey(_) => panic!("colours"),
         };
-        let pixels = colours([10.0, 30.0]);
+        // A standard error of 5 % of the window is as orange as pixels get.
+        let errors: Vec<Sampled> = (0..40).map(|n| seen(if n == 20 { 1.0 } else { 0.0 })).collect();
+        let washed = colours(&errors, [10.0, 30.0]);
+        let pixels = colours(&[], [10.0, 30.0]);
+        assert_eq!(washed[60..63], [223, 124, 32]);
+        assert!(washed[..60] == pixels[..60] && washed[63..] == pixels[63..]);
         let pixel = |n: usize| [pixels[3 * n], pixels[3 * n + 1], pixels[3 * n + 2]];
         assert_eq!(
             [pixel(0), pixel(10), pixel(20), pixel(30), pixel(38)],
@@ -454,6 +494,9 @@ mod tests {
             request: after[3],
             extent: extent(),
             sampled: &sampled,
+            errors: &[],
+            keeps_errors: true,
+            readout: Some(Readout { value: 81.5, error: None }),
             slices: 5,
             item: 6,
             captured_ns: None,
@@ -465,5 +508,13 @@ mod tests {
             (&json!(6), &json!(9), &json!(5))
         );
         assert_eq!(to_json["plane"]["window"], json!([0.0, 200.0]));
+        assert_eq!(to_json["plane"]["voxel"], json!({ "value": 81.5, "error": null, "slices": null }));
+        assert_eq!(to_json["plane"]["errors"], json!(false));
+        planes.steer(Move::Errors(true)).unwrap();
+        assert_ne!(all(&mut planes)[0].style, after[0].style, "the picture is drawn again");
+        assert_eq!(planes.to_json(&image, 9)["plane"]["errors"], json!(true));
+        let without = PlaneImage { keeps_errors: false, readout: None, ..image };
+        let told = planes.to_json(&without, 9);
+        assert!(told["plane"]["errors"].is_null() && told["plane"]["voxel"].is_null());
     }
 }

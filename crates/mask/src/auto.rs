@@ -89,7 +89,14 @@ impl AutoMask {
                 let is_same = exact.recognised
                     && exact.shape == MaskShape::Outline
                     && common >= SAME * found.mask.area().max(exact.mask.area()) as f64;
-                MaskFound { shape: if is_same { shape } else { exact.shape }, ..exact }
+                match shape {
+                    MaskShape::Fan(fan) if is_same => {
+                        let mask = Arc::new((*exact.mask).clone().with_beams_of(&fan));
+                        MaskFound { shape, mask, ..exact }
+                    }
+                    _ if is_same => MaskFound { shape, ..exact },
+                    _ => exact,
+                }
             }
             (Err(_), _) if has_zero_border || search.border.is_none() => exact,
             // Zeros around an even border are the blanking of video. They do not make a picture of

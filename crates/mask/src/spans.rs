@@ -15,34 +15,40 @@ pub struct Span {
 }
 
 /// The pixels of a `width`×`height` frame (MF orientation) that are data.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Rows", try_from = "Rows")]
 pub struct Mask {
     width: u32,
     height: u32,
+    /// The point that the scanner's beams come from, u and v in pixels; `None` if they run down
+    /// the columns, as far as is known.
+    apex_px: Option<[f64; 2]>,
     /// Spans of all rows, top to bottom, left to right; never empty, never touching.
     spans: Vec<Span>,
     /// Row v's spans are `spans[first[v]..first[v + 1]]`.
     first: Vec<usize>,
 }
 
-/// A mask in a file: the width, and the spans of each row.
+/// A mask in a file: the width, the spans of each row, and the apex of the beams, if any.
 #[derive(Serialize, Deserialize)]
 struct Rows {
     width: u32,
     rows: Vec<Vec<Span>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    apex_px: Option<[f64; 2]>,
 }
 
 impl From<Mask> for Rows {
     fn from(mask: Mask) -> Self {
-        Self { width: mask.width, rows: (0..mask.height).map(|v| mask.row(v).to_vec()).collect() }
+        let rows = (0..mask.height).map(|v| mask.row(v).to_vec()).collect();
+        Self { width: mask.width, rows, apex_px: mask.apex_px }
     }
 }
 
 impl TryFrom<Rows> for Mask {
     type Error = &'static str;
 
-    fn try_from(Rows { width, rows }: Rows) -> Result<Self, Self::Error> {
+    fn try_from(Rows { width, rows, apex_px }: Rows) -> Result<Self, Self::Error> {
         let is_ordered = |row: &Vec<Span>| {
             row.iter().all(|span| span.start < span.end && span.end <= width)
                 && row.windows(2).all(|pair| pair[0].end < pair[1].start)
@@ -50,7 +56,10 @@ impl TryFrom<Rows> for Mask {
         if !rows.iter().all(is_ordered) || u32::try_from(rows.len()).is_err() {
             return Err("a mask's spans must ascend within the width");
         }
-        Ok(Self::from_rows(width, rows))
+        if apex_px.is_some_and(|apex| !apex.iter().all(|x| x.is_finite())) {
+            return Err("a mask's apex must be finite");
+        }
+        Ok(Self { apex_px, ..Self::from_rows(width, rows) })
     }
 }
 
@@ -61,7 +70,7 @@ impl Mask {
     /// # Panics
     /// When a row breaks these rules: the caller has just made it.
     pub fn from_rows<R: IntoIterator<Item = Span>>(width: u32, rows: impl IntoIterator<Item = R>) -> Self {
-        let mut mask = Self { width, height: 0, spans: Vec::new(), first: vec![0] };
+        let mut mask = Self { width, height: 0, apex_px: None, spans: Vec::new(), first: vec![0] };
         for row in rows {
             let begin = mask.spans.len();
             for span in row {
@@ -117,10 +126,21 @@ impl Mask {
         Self::from_rows(width, (0..height).map(|v| rows.contains(&v).then_some(columns)))
     }
 
-    /// Returns the pixels whose centres lie in a fan.
+    /// Returns the pixels whose centres lie in a fan. Its apex is that of the beams.
     pub fn fan(width: u32, height: u32, fan: &Fan) -> Self {
         let test = fan.test();
-        Self::from_fn(width, height, |u, v| test.contains(f64::from(u), f64::from(v)))
+        Self::from_fn(width, height, |u, v| test.contains(f64::from(u), f64::from(v))).with_beams_of(fan)
+    }
+
+    /// Returns these pixels with the beams of a fan.
+    pub fn with_beams_of(self, fan: &Fan) -> Self {
+        Self { apex_px: Some(fan.origin_px()), ..self }
+    }
+
+    /// Returns the point that the scanner's beams come from, u and v in pixels; `None` if they run
+    /// down the columns, as far as is known.
+    pub fn apex_px(&self) -> Option<[f64; 2]> {
+        self.apex_px
     }
 
     /// Pixels along u.
@@ -168,13 +188,15 @@ impl Mask {
         ClipRect::new(left, top, right - left, bottom - top + 1).ok()
     }
 
-    /// Returns the pixels that are data in both masks.
+    /// Returns the pixels that are data in both masks. The beams are those of a fan, if one of them
+    /// is a fan's.
     ///
     /// # Panics
     /// When the masks differ in size.
     pub fn intersect(&self, other: &Self) -> Self {
         assert_eq!((self.width, self.height), (other.width, other.height), "masks of different pictures");
-        Self::from_rows(
+        let apex_px = self.apex_px.or(other.apex_px);
+        let both = Self::from_rows(
             self.width,
             (0..self.height).map(|v| {
                 let (mut a, mut b) = (self.row(v), other.row(v));
@@ -189,7 +211,8 @@ impl Mask {
                 }
                 row
             }),
-        )
+        );
+        Self { apex_px, ..both }
     }
 }
 
@@ -221,6 +244,17 @@ mod tests {
             prop_assert_eq!(first.area(), area);
             prop_assert!(!first.contains(width, 0) && !first.contains(0, height));
         }
+    }
+
+    #[test]
+    fn beams_of_a_fan_stay_in_parts_and_files() {
+        let fan = Fan::new([30.0, -12.5], [20.0, 60.0], [-30.0, 30.0]).unwrap();
+        let part = Mask::rect(60, 50, ClipRect::new(5, 0, 40, 30).unwrap()).intersect(&Mask::fan(60, 50, &fan));
+        assert_eq!((part.apex_px(), Mask::full(60, 50).apex_px()), (Some([30.0, -12.5]), None));
+        let read = Mask::try_from(Rows::from(part.clone())).unwrap();
+        assert_eq!(read, part);
+        let rows = Rows { apex_px: Some([f64::NAN, 0.0]), ..Rows::from(part) };
+        assert!(Mask::try_from(rows).is_err());
     }
 
     #[test]

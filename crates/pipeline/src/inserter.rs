@@ -1,5 +1,5 @@
-//! The inserter: holds slices until their mask is known, then inserts each by the path that
-//! poses and mask allow.
+//! The inserter: holds slices until their mask is known, and until the next slice gives them their
+//! weight, if gaps count; then inserts each by the path that poses and mask allow.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use mask::{AutoMask, Mask, MaskChange, MaskFound, MaskPlan, MaskSettings};
 use reconstruct::path_choice::{Chosen, PathChoice};
 use reconstruct::planar::PlanarSettings;
 use reconstruct::settings::IN_PLANE_SIGMA;
-use reconstruct::{Path, PathReconstructor, Refused, Settings, SettingsError};
+use reconstruct::{GapWeights, Path, PathReconstructor, Refused, Settings, SettingsError};
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::{Pixels, Slice};
@@ -112,6 +112,9 @@ pub(super) struct VolumeInserter {
     plan: Plan,
     stage: MaskState,
     mask: Option<MaskFound>,
+    /// Gap weights, if they count, and the slice that waits for its own.
+    gaps: Option<GapWeights>,
+    last: Option<(u64, Slice)>,
     used: u64,
     reached: Option<[[i64; 3]; 2]>,
     slice_axes: Option<[DVec3; 2]>,
@@ -137,6 +140,8 @@ impl VolumeInserter {
     /// Returns an empty inserter; the first slice determines the frame's size.
     pub(super) fn new(plan: Plan, mask: MaskSettings) -> Self {
         Self {
+            gaps: plan.settings.weights_by_gaps(),
+            last: None,
             plan,
             stage: MaskState::Unknown(mask),
             mask: None,
@@ -149,8 +154,8 @@ impl VolumeInserter {
         }
     }
 
-    /// Inserts the next slice; `item` is its frame's number. The slice may wait for the mask; its
-    /// outcome is then reported later.
+    /// Inserts the next slice; `item` is its frame's number. The slice may wait for the mask, or
+    /// for the next one; its outcome is then reported later.
     ///
     /// # Errors
     /// [`PipelineError`] if no further slice could be inserted either, or `outcomes` returns an
@@ -176,7 +181,7 @@ impl VolumeInserter {
         }
         let found = match &mut self.stage {
             MaskState::Unknown(_) => None,
-            MaskState::Known(_) => return self.insert_now(item, &slice, outcomes),
+            MaskState::Known(_) => return self.weigh(item, slice, outcomes),
             MaskState::Searching { search, waiting, bytes } => {
                 let found = search.push(&slice.image);
                 *bytes += slice.image.pixels().bytes();
@@ -192,7 +197,7 @@ impl VolumeInserter {
         self.notes.extend(found.notes());
         if let MaskState::Searching { waiting, .. } = self.known(found, MaskOrigin::Found, outcomes)? {
             for (item, slice) in waiting {
-                self.insert_now(item, &slice, outcomes)?;
+                self.weigh(item, slice, outcomes)?;
             }
         }
         Ok(())
@@ -211,8 +216,8 @@ impl VolumeInserter {
         Ok(std::mem::replace(&mut self.stage, known))
     }
 
-    /// Changes the mask of later slices, as an operator orders; slices that wait for the mask are
-    /// inserted before. A mask that cannot be taken leaves the present one.
+    /// Changes the mask of later slices, as an operator orders; slices that wait are inserted
+    /// before. A mask that cannot be taken leaves the present one.
     ///
     /// # Errors
     /// Same as [`Self::insert`].
@@ -249,10 +254,33 @@ impl VolumeInserter {
         Ok(())
     }
 
-    fn insert_now(&mut self, item: u64, slice: &Slice, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+    /// Inserts a slice, or the one before it, whose weight is then known.
+    fn weigh(&mut self, item: u64, slice: Slice, outcomes: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        let Some(gaps) = &mut self.gaps else { return self.insert_now(item, &slice, 1.0, outcomes) };
+        let weight = gaps.next(slice.world_from_image, [slice.image.width(), slice.image.height()]);
+        let before = self.last.replace((item, slice));
+        self.insert_before(before.zip(weight), outcomes)
+    }
+
+    fn insert_before(
+        &mut self,
+        before: Option<((u64, Slice), f32)>,
+        outcomes: &mut impl OutcomeSink,
+    ) -> Result<(), PipelineError> {
+        before.map_or(Ok(()), |((item, slice), weight)| self.insert_now(item, &slice, weight, outcomes))
+    }
+
+    fn insert_now(
+        &mut self,
+        item: u64,
+        slice: &Slice,
+        weight: f32,
+        outcomes: &mut impl OutcomeSink,
+    ) -> Result<(), PipelineError> {
         let MaskState::Known(reconstructor) = &mut self.stage else { return Ok(()) };
         let (began, before) = (Instant::now(), reconstructor.path());
-        let result = trace_span!(target: STAGE, "insert", frame = item).in_scope(|| reconstructor.insert(slice));
+        let span = trace_span!(target: STAGE, "insert", frame = item);
+        let result = span.in_scope(|| reconstructor.insert_weighted(slice, weight));
         let took = began.elapsed();
         if reconstructor.path() != before
             && let Some(departure) = reconstructor.upgraded()
@@ -334,7 +362,7 @@ impl VolumeInserter {
         }
     }
 
-    /// Ends the input: slices that wait for the mask are inserted.
+    /// Ends the input: slices that wait for the mask, or for the next one, are inserted.
     ///
     /// # Errors
     /// Same as [`Self::insert`].
@@ -343,7 +371,12 @@ impl VolumeInserter {
             MaskState::Searching { search, .. } => Some(search.finish()),
             MaskState::Known(_) | MaskState::Unknown(_) => None,
         };
-        found.map_or(Ok(()), |found| self.found(&found, outcomes))
+        if let Some(found) = found {
+            self.found(&found, outcomes)?;
+        }
+        let weight = self.gaps.as_mut().and_then(GapWeights::end);
+        let before = self.last.take();
+        self.insert_before(before.zip(weight), outcomes)
     }
 
     /// Notes that slices follow whose poses were not known: the box that slices reach is unknown
@@ -353,7 +386,7 @@ impl VolumeInserter {
         self.reached = None;
     }
 
-    /// Returns the present result, without slices that wait for the mask. `None` if no slice was
+    /// Returns the present result, without slices that wait. `None` if no slice was
     /// inserted.
     ///
     /// # Errors

@@ -7,6 +7,7 @@
 //! - `masking`: the mask's status, and refusals of another.
 //! - `outcome`: the result of a run.
 //! - `observer`: observers of frames, slices and the volume.
+//! - `pose_noise`: the error of places by a tracker's noise, as far as that is known beforehand.
 //! - `smoothing`: the account of smoothed poses.
 //! - [`regions`]: a recorded sweep in regions of its volume.
 
@@ -16,6 +17,7 @@ mod inserter;
 mod masking;
 mod observer;
 mod outcome;
+mod pose_noise;
 pub mod regions;
 pub mod session;
 mod smoothing;
@@ -25,6 +27,7 @@ pub use inserter::OffPlane;
 pub use masking::{MaskOrigin, MaskRefusal, MaskStatus};
 pub use observer::{CapturedFrame, InsertedSlice, Observer};
 pub use outcome::Outcome;
+pub use pose_noise::PoseNoise;
 pub use smoothing::{SensorNoise, SmoothingStatus};
 
 use std::ops::Range;

@@ -24,6 +24,9 @@ pub struct Outcome {
     pub route: String,
     /// Frames by the smoothing of their poses; `None` if they are used as measured.
     pub smoothing: Option<SmoothingStatus>,
+    /// Root mean square error of places in the image by the noise of poses, mm; `None` if it is
+    /// unknown.
+    pub pose_error_mm: Option<f64>,
     /// The frames' data region, as it was last.
     pub mask: MaskFound,
     /// First and last voxel that the slices' data and kernels reach, by the poses known before

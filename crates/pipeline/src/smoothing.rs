@@ -126,3 +126,51 @@ impl SensorNoise {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sonoweave_core::frames::Transform;
+    use sync::smoothing::NotSmoothed;
+
+    use super::*;
+
+    #[test]
+    fn noise_is_white_within_three_standard_errors() {
+        let is_white = |poses: usize, lag_1: f64| {
+            let [position, rotation] = [lag_1, WHITE].map(|lag_1| FastNoise { variance: 0.09, lag_1 });
+            let found = SensorNoise::of(["Probe", "Tracker"], Some((poses, [position, rotation]))).unwrap();
+            assert!((found.position_mm - 0.3).abs() < 1e-12 && found.lag_1 == [lag_1, WHITE], "{found:?}");
+            found.is_white
+        };
+        // Autoregressive noise with a coefficient of 0.9 has −0.66, and with 0.5 −0.68.
+        assert!(is_white(2000, -0.72) && !is_white(2000, -0.66) && !is_white(2000, -0.68));
+        assert!(is_white(100, -0.66), "100 poses do not tell");
+        assert_eq!(SensorNoise::of(["Probe", "Tracker"], None), None);
+    }
+
+    #[test]
+    fn account_of_two_recordings_is_that_of_all_frames() {
+        let effect = |moved_mm: f64, why: Option<NotSmoothed>| SmoothingEffect {
+            unsmoothed: Transform::IDENTITY,
+            moved_mm,
+            error_mm: 0.5 * moved_mm,
+            not_smoothed: why,
+        };
+        let effects =
+            [effect(0.3, None), effect(0.4, None), effect(9.0, Some(NotSmoothed::TooFast)), effect(1.2, None)];
+        let account = |effects: &[SmoothingEffect]| {
+            let mut account = SmoothingStatus::new(Smoothing { half_width_ns: 300_000_000, ahead_ns: 33_000_000 });
+            for effect in effects {
+                assert!(!account.count(effect), "the noise is estimated now and then");
+            }
+            account
+        };
+        let (all, mut parts) = (account(&effects), account(&effects[..1]));
+        parts.add(account(&effects[1..]));
+        assert!((all.moved_rms_mm - (1.69_f64 / 3.0).sqrt()).abs() < 1e-12 && all.moved_most_mm == 1.2, "{all:?}");
+        assert!((parts.moved_rms_mm - all.moved_rms_mm).abs() < 1e-12, "{parts:?}");
+        assert!((parts.error_rms_mm - 0.5 * all.moved_rms_mm).abs() < 1e-12, "{parts:?}");
+        assert_eq!((parts.smoothed, &parts.not_smoothed), (3, &BTreeMap::from([("motion too fast", 1)])));
+        assert_eq!(parts.words(), "300 ms before and 33 ms after a frame; 3 of 4 frames");
+    }
+}

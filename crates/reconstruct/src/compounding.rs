@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use volume::BrickVolume;
-use volume::brick_volume::{Memory, Slot};
+use volume::brick_volume::Slot;
+use volume::memory::Memory;
 
 use super::decay::{Decay, DecayError, EpochChange, Fading};
 
@@ -57,6 +58,8 @@ impl std::fmt::Display for Compounding {
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Entry {
     Mean,
+    /// The mean, with sums of squares beside it.
+    MeanAndSquares,
     Maximum,
     Latest,
     Decay(Fading),
@@ -81,7 +84,7 @@ impl Entry {
     pub(crate) fn epoch_change(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> EpochChange {
         match self {
             Self::Decay(fading) => fading.epoch_change(volume.epoch(slot), elapsed_ns),
-            Self::Mean | Self::Maximum | Self::Latest => EpochChange::NONE,
+            Self::Mean | Self::MeanAndSquares | Self::Maximum | Self::Latest => EpochChange::NONE,
         }
     }
 
@@ -89,6 +92,7 @@ impl Entry {
     pub(crate) fn memory(self) -> Memory {
         match self {
             Self::Mean | Self::Maximum => Memory::Sums,
+            Self::MeanAndSquares => Memory::Squares,
             Self::Latest => Memory::Stamps,
             Self::Decay(fading) if fading.keeps_ages() => Memory::Ages,
             Self::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },

@@ -23,7 +23,8 @@
 use serde::{Deserialize, Serialize};
 
 use volume::brick::VOXELS;
-use volume::brick_volume::{Epoch, SEEN};
+use volume::brick_volume::SEEN;
+use volume::memory::Epoch;
 
 /// A numerator smaller than this becomes 0. Otherwise it could shrink to a subnormal number,
 /// where bright values are followed by black and are faded or clamped for long. Such numbers

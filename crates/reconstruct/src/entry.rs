@@ -1,8 +1,8 @@
 //! Entry of a slice's values into a vector of voxels: added, selected, or added to fading sums.
 #![allow(unsafe_code, reason = "runs on `Lanes`, by pointer")]
 
-use simd::Lanes;
-use volume::brick::{Ages, Brick, Stamps};
+use simd::{LANES, Lanes};
+use volume::brick::{Ages, Brick, Squares, Stamps};
 
 use super::compounding::Entry;
 use super::decay::{Decay, EpochChange, Fading, LEAST_FACTOR, LEAST_SUM, LEAST_TOUCH};
@@ -22,11 +22,12 @@ pub(crate) unsafe fn shrunk<L: Lanes>(sum: L) -> L {
     }
 }
 
-/// A brick with its stamps and ages.
+/// A brick with its stamps, ages and sums of squares.
 pub(crate) struct BrickData<'a> {
     pub(crate) brick: &'a mut Brick,
     pub(crate) stamps: Option<&'a mut Stamps>,
     pub(crate) ages: Option<&'a mut Ages>,
+    pub(crate) squares: Option<&'a mut Squares>,
     /// Effect of the slice on the brick's times.
     pub(crate) change: EpochChange,
 }
@@ -83,6 +84,10 @@ pub(crate) unsafe fn enter<L: Lanes>(
         let most = filtered.rule.most_weight;
         match filtered.rule.entry {
             Entry::Mean => mean(data, at, mask, sample, filtered, task),
+            Entry::MeanAndSquares => {
+                square(data, at, mask, sample, most);
+                mean(data, at, mask, sample, filtered, task);
+            }
             Entry::Maximum => raise(data.brick, at, mask, sample.value(), task),
             Entry::Latest => replace(data, at, mask, sample.value(), filtered.time.stamp, task),
             Entry::Decay(fading) => {
@@ -156,6 +161,67 @@ unsafe fn add<L: Lanes>(
         }
         L::select(mask, new_r, r).store(brick.r.as_mut_ptr().add(at));
         L::select(mask, new_w, w).store(brick.w.as_mut_ptr().add(at));
+    }
+}
+
+/// Product of weights from which a slice adds to the sum of squares. Below, the slice or all slices
+/// before it are negligible, and the quotient would not be exact.
+const LEAST_PRODUCT: f32 = 1e-20;
+
+/// Adds to the sums of squares, before the sample is added to the sums.
+///
+/// b and v are the sample's weight and value, r and w the sums before it. The square about the mean
+/// grows by b·w/(w + b)·(v − r/w)² (West 1979). Nothing large cancels, for any grey levels.
+///
+/// # Safety
+/// Same as for [`add`].
+#[inline(always)]
+pub(crate) unsafe fn square<L: Lanes>(
+    data: &mut BrickData<'_>,
+    at: usize,
+    mask: L::Mask,
+    sample: &Sample<L>,
+    most: f32,
+) {
+    let Some(squares) = &mut data.squares else { return };
+    // SAFETY: as for this function; the sums have the brick's shape.
+    unsafe {
+        let (zero, most) = (L::splat(0.0), L::splat(most));
+        let r = L::load(data.brick.r.as_ptr().add(at));
+        let w = L::load(data.brick.w.as_ptr().add(at));
+        let weight = sample.certainty.mul(sample.weight);
+        let new_w = sample.certainty.mul_add(sample.weight, w);
+        // b·w·(v − r/w).
+        let step = sample.sum().mul(sample.weight).mul(w).sub(r.mul(weight));
+        let product = weight.mul(w).mul(new_w);
+        let gain = step.mul(step.div(product));
+        let gain = L::select(product.le(L::splat(LEAST_PRODUCT)), zero, gain);
+        let tile = &mut squares.tiles[at / LANES];
+        let above = L::bits(mask) & !L::bits(new_w.le(most));
+        if above != 0 {
+            // All weights of a voxel shrink as their sum is clamped.
+            let (mut weights, mut clamped) = ([0.0; LANES], [0.0; LANES]);
+            let reached = L::select(mask, new_w, w);
+            reached.store(weights.as_mut_ptr());
+            reached.min(most).store(clamped.as_mut_ptr());
+            shrink(tile, &weights, &clamped);
+        }
+        L::add_halves(L::select(mask, weight.mul(weight), zero), L::select(mask, gain, zero), tile.as_mut_ptr());
+    }
+}
+
+/// Scales the sums of a tile's cells for weights that are clamped: by the ratio of the sums of
+/// weights, and of their squares.
+fn shrink(tile: &mut [f32; 4], weights: &[f32; LANES], clamped: &[f32; LANES]) {
+    for cell in 0..2 {
+        let ratio = |power: i32| {
+            let lanes = (0..LANES).filter(|lane| lane / 2 % 2 == cell);
+            let [sum, all] = lanes
+                .fold([0.0; 2], |[sum, all], lane| [sum + clamped[lane].powi(power), all + weights[lane].powi(power)]);
+            if all > 0.0 { sum / all } else { 1.0 }
+        };
+        tile[cell] *= ratio(2);
+        tile[2 + cell] *= ratio(1);
     }
 }
 

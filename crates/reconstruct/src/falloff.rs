@@ -34,7 +34,8 @@ impl Falloff {
         unsafe {
             let zero = L::splat(0.0);
             match self.shape {
-                Shape::Gaussian => {
+                // The fourth order is in the plane only: its lobes would be negative weights.
+                Shape::Gaussian | Shape::Gaussian4 => {
                     let exponent = q.mul(q).mul(L::splat(-0.5 * std::f32::consts::LOG2_E));
                     // Rounding of the pedestal can leave −1e−9 at the end of the support.
                     power_of_two(exponent).sub(L::splat(self.pedestal)).max(zero)

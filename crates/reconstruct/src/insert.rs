@@ -8,15 +8,19 @@
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
 use simd::{LANES, Lanes, dispatch};
-use volume::brick::{Brick, TILE, VOXELS, voxel_at};
+use volume::brick::{TILE, VOXELS, voxel_at};
 
 use super::compounding::Entry;
 use super::decay::{LEAST_TOUCH, rebase, shift};
-use super::entry::{BrickData, Sample, enter, mean};
+use super::entry::{BrickData, Sample, enter, mean, square};
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
 use super::slab::{LEAST_CERTAINTY, Overlap};
 use super::task::{FilteredSlice, Task};
 
+/// Loops of their own: for [`Entry::Mean`], for [`Entry::MeanAndSquares`], and for any entry.
+const MEAN: u8 = 0;
+const MEAN_AND_SQUARES: u8 = 1;
+const ANY: u8 = 2;
 /// Vectors in a brick.
 const VECTORS: usize = VOXELS / LANES;
 
@@ -143,7 +147,7 @@ impl Scratch {
 /// The instruction set of `L` must be available.
 #[inline(always)]
 unsafe fn locate<L: Lanes>(
-    brick: Option<&Brick>,
+    data: Option<&BrickData<'_>>,
     task: &Task,
     filtered: &FilteredSlice<'_>,
     scratch: &mut Scratch,
@@ -162,6 +166,7 @@ unsafe fn locate<L: Lanes>(
         let back = L::splat(-((nodes.stride + 1) as f32) * filtered.rule.sampling.back() as f32);
         let reach = L::splat(falloff.reach);
         let minus_reach = L::splat(-falloff.reach);
+        let slice_weight = L::splat(filtered.weight);
         let partial = task.overlap == Overlap::Partial;
         let mut count = 0;
         while vectors != 0 {
@@ -178,9 +183,12 @@ unsafe fn locate<L: Lanes>(
             if L::bits(mask) == 0 {
                 continue;
             }
-            if let Some(brick) = brick {
+            if let Some(BrickData { brick, squares, .. }) = data {
                 L::prefetch(brick.r.as_ptr().add(vector * LANES));
                 L::prefetch(brick.w.as_ptr().add(vector * LANES));
+                if let Some(squares) = squares {
+                    L::prefetch(squares.tiles[vector].as_ptr());
+                }
             }
             // `min` and `max` return their second operand for NaN.
             let u = u.max(one).min(last_u);
@@ -191,7 +199,7 @@ unsafe fn locate<L: Lanes>(
             row.mul_add(stride, column.add(back)).store_integers(scratch.offset[count].as_mut_ptr());
             u.sub(column).store(scratch.along_u[count].as_mut_ptr());
             v.sub(row).store(scratch.along_v[count].as_mut_ptr());
-            L::select(mask, falloff.at(q), L::splat(-1.0)).store(scratch.weight[count].as_mut_ptr());
+            L::select(mask, falloff.at(q).mul(slice_weight), L::splat(-1.0)).store(scratch.weight[count].as_mut_ptr());
             count += 1;
         }
         count
@@ -209,12 +217,19 @@ unsafe fn insert_lanes<L: Lanes>(
 ) {
     // SAFETY: as for this function.
     unsafe {
-        // The default case has a separate loop without the others' branches and registers.
+        // The default case, and that with standard errors, have loops of their own without the
+        // others' branches and registers.
         match (filtered.rule.sampling, filtered.rule.entry) {
-            (Sampling::Spline, Entry::Mean) => insert_sampled::<L, Spline, true>(data, task, filtered, scratch),
-            (Sampling::Spline, _) => insert_sampled::<L, Spline, false>(data, task, filtered, scratch),
-            (Sampling::Linear, _) => insert_sampled::<L, Linear, false>(data, task, filtered, scratch),
-            (Sampling::Nearest, _) => insert_sampled::<L, Nearest, false>(data, task, filtered, scratch),
+            (Sampling::Spline, _) if filtered.pixel_weights.is_some() => {
+                insert_sampled::<L, Spline, ANY>(data, task, filtered, scratch);
+            }
+            (Sampling::Spline, Entry::Mean) => insert_sampled::<L, Spline, MEAN>(data, task, filtered, scratch),
+            (Sampling::Spline, Entry::MeanAndSquares) => {
+                insert_sampled::<L, Spline, MEAN_AND_SQUARES>(data, task, filtered, scratch);
+            }
+            (Sampling::Spline, _) => insert_sampled::<L, Spline, ANY>(data, task, filtered, scratch),
+            (Sampling::Linear, _) => insert_sampled::<L, Linear, ANY>(data, task, filtered, scratch),
+            (Sampling::Nearest, _) => insert_sampled::<L, Nearest, ANY>(data, task, filtered, scratch),
         }
     }
 }
@@ -222,7 +237,7 @@ unsafe fn insert_lanes<L: Lanes>(
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn insert_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
+unsafe fn insert_sampled<L: Lanes, S: Sampler, const ENTRY: u8>(
     data: &mut BrickData<'_>,
     task: &mut Task,
     filtered: &FilteredSlice<'_>,
@@ -230,10 +245,10 @@ unsafe fn insert_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
 ) {
     // SAFETY: vector k covers elements 16k..16k+16 of the brick's arrays of 512. `locate` keeps
     // columns in 1..=columns−3 and rows in 1..=rows−3, so patches span columns 0..=columns−1
-    // and rows 0..=rows−1 at most. Value and certainty have one shape (they come from one
-    // filter). The instruction set as for this function.
+    // and rows 0..=rows−1 at most. Value, certainty and weights of pixels have one shape. The
+    // instruction set as for this function.
     unsafe {
-        let count = locate::<L>(Some(data.brick), task, filtered, scratch);
+        let count = locate::<L>(Some(data), task, filtered, scratch);
         task.vectors = count as u32;
         if data.change.rebase != 1.0 {
             rebase(&mut data.brick.r, &mut data.brick.w, data.change.rebase);
@@ -247,7 +262,7 @@ unsafe fn insert_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
         let unit = L::splat(filtered.unit[0]);
         for i in 0..count {
             let vector = usize::from(scratch.vector[i]);
-            let weight = L::load(scratch.weight[i].as_ptr());
+            let mut weight = L::load(scratch.weight[i].as_ptr());
             let mut mask = L::splat(0.0).le(weight);
             let offset = scratch.offset[i].as_ptr();
             let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
@@ -262,12 +277,21 @@ unsafe fn insert_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
             } else {
                 S::ones(column)
             };
+            if ENTRY == ANY
+                && let Some(weights) = filtered.pixel_weights
+            {
+                weight = weight.mul(S::patch::<L>(weights, offset, row, column).mul(L::splat(filtered.unit[2])));
+            }
             let contrast = S::patch::<L>(filtered.value, offset, row, column);
             let sample = Sample { weight, contrast: contrast.mul(unit), certainty, level };
-            if MEAN {
-                mean(data, vector * LANES, mask, &sample, filtered, task);
-            } else {
-                enter(data, vector * LANES, mask, &sample, filtered, task);
+            let at = vector * LANES;
+            match ENTRY {
+                MEAN => mean(data, at, mask, &sample, filtered, task),
+                MEAN_AND_SQUARES => {
+                    square(data, at, mask, &sample, filtered.rule.most_weight);
+                    mean(data, at, mask, &sample, filtered, task);
+                }
+                _ => enter(data, at, mask, &sample, filtered, task),
             }
         }
     }

@@ -8,7 +8,9 @@ use volume::Voxels;
 
 use super::kernel::AxisKernel;
 use super::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
-use super::{Entered, Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+use super::{
+    Compounding, Entered, FirstMoment, Reconstructor, Refused, Settings, SettingsError, StandardErrors, Touched, Work,
+};
 
 /// Insertion path of slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,8 +110,17 @@ impl PathReconstructor {
     /// # Errors
     /// [`Refused`] with the reason; no voxel has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        self.insert_weighted(slice, 1.0)
+    }
+
+    /// The same with a weight of the whole slice, by the [gaps](super::gap_weights) beside it. The
+    /// planar path, which [`Settings::gap_weights`] excludes, takes no weight.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; no voxel has changed then.
+    pub fn insert_weighted(&mut self, slice: &Slice, weight: f32) -> Result<Touched, Refused> {
         let planar = match &mut self.active {
-            Active::General(reconstructor) => return reconstructor.insert(slice),
+            Active::General(reconstructor) => return reconstructor.insert_weighted(slice, weight),
             Active::Planar(planar) => planar,
         };
         match planar.insert(slice) {
@@ -179,6 +190,33 @@ impl PathReconstructor {
             Active::General(r) => r.decimation(),
             Active::Planar(r) => r.kernels().map(|_| ([1.0; 2], 0.0)),
         }
+    }
+
+    /// Returns the standard errors of the volume's voxels. `pose_mm` is the root mean square error
+    /// of places in the image by the noise of poses, 0 if it is unknown. `None` if they were not
+    /// asked for, or if no voxel was reached by two slices.
+    pub fn standard_errors(&self, pose_mm: f64) -> Option<StandardErrors<'_>> {
+        StandardErrors::new(self.keeping_errors()?, pose_mm)
+    }
+
+    /// Returns the reconstructor on the general path, if it keeps standard errors.
+    pub fn keeping_errors(&self) -> Option<&Reconstructor> {
+        match &self.active {
+            Active::General(reconstructor) => Some(&**reconstructor).filter(|r| r.settings().standard_error),
+            Active::Planar(_) => None,
+        }
+    }
+
+    /// Returns the volume with its [first moment](super::first_moment) corrected; `None` before the
+    /// first slice, with shadow weights, for a compounding other than the mean, and for the kernel
+    /// nearest.
+    pub fn first_moment(&self) -> Option<FirstMoment<'_>> {
+        let (settings, normal) = (self.settings(), &self.kernels()?[2]);
+        let is_mean = settings.compounding == Compounding::Mean && settings.shadow_weights.is_none();
+        if !is_mean || !FirstMoment::suits(normal) {
+            return None;
+        }
+        Some(FirstMoment::new(self.volume(), settings.spacing_mm, normal, either!(self, r => r.normals())))
     }
 
     /// Work done so far.

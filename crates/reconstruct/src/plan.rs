@@ -4,7 +4,7 @@
 use simd::Simd;
 use simd::sharing::{Handed, Sharing};
 use volume::BrickVolume;
-use volume::brick::{Ages, Brick, BrickBox, BrickIndex, Stamps};
+use volume::brick::{Ages, Brick, BrickBox, BrickIndex, Squares, Stamps};
 use volume::brick_volume::Slot;
 
 use super::entry::BrickData;
@@ -77,13 +77,14 @@ impl Plan {
     }
 }
 
-/// A chunk of bricks with their stamps and ages, shared between threads that use different
-/// bricks of it.
+/// A chunk of bricks with their stamps, ages and sums of squares, shared between threads that use
+/// different bricks of it.
 #[derive(Clone, Copy)]
 pub(super) struct BrickChunk {
     bricks: Handed<Brick>,
     stamps: Option<Handed<Stamps>>,
     ages: Option<Handed<Ages>>,
+    squares: Option<Handed<Squares>>,
 }
 
 /// Inserts the slice into all bricks, each brick by one thread.
@@ -101,12 +102,16 @@ pub(super) fn insert_all(
         bricks: Handed(bricks),
         stamps: None,
         ages: None,
+        squares: None,
     }));
     for (chunk, stamps) in chunks.iter_mut().zip(volume.stamp_pointers()) {
         chunk.stamps = Some(Handed(stamps));
     }
     for (chunk, ages) in chunks.iter_mut().zip(volume.age_pointers()) {
         chunk.ages = Some(Handed(ages));
+    }
+    for (chunk, squares) in chunks.iter_mut().zip(volume.square_pointers()) {
+        chunk.squares = Some(Handed(squares));
     }
     let (chunks, volume) = (chunks.as_slice(), &*volume);
     let run = |scratch: &mut Scratch, task: &mut Task| {
@@ -116,12 +121,13 @@ pub(super) fn insert_all(
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed
         // mutably meanwhile. `locate` gives a position inside its chunk for every slot that the
         // volume has handed out. Each brick of the lattice is visited once in a walk and has
-        // its own slot, so no two tasks reach the same brick. Stamps and ages, if any, are
-        // arranged like bricks.
+        // its own slot, so no two tasks reach the same brick. Stamps, ages and squares, if
+        // any, are arranged like bricks.
         let mut data = unsafe {
             let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(at));
             let ages = chunk.ages.map(|ages| &mut *ages.0.add(at));
-            BrickData { brick: &mut *chunk.bricks.0.add(at), stamps, ages, change }
+            let squares = chunk.squares.map(|squares| &mut *squares.0.add(at));
+            BrickData { brick: &mut *chunk.bricks.0.add(at), stamps, ages, squares, change }
         };
         insert(simd, &mut data, task, filtered, scratch);
     };

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use mask::Mask;
@@ -11,7 +12,7 @@ use simd::team::Team;
 use sonoweave_core::frames::{Transform, Volume, World};
 use sonoweave_core::slice::Slice;
 use volume::brick::{BrickBox, BrickIndex};
-use volume::brick_volume::Epoch;
+use volume::memory::Epoch;
 use volume::{BrickVolume, Prism, Voxels};
 
 use super::admission::Admission;
@@ -19,6 +20,7 @@ use super::compounding::Entry;
 use super::decay::DecayClock;
 use super::filter::FilterWork;
 use super::kernel::AxisKernel;
+use super::normals::Normals;
 use super::plan::{BrickChunk, Plan, insert_all};
 pub use super::refusal::{Refused, RepeatError};
 use super::settings::{Settings, SettingsError};
@@ -59,6 +61,9 @@ pub struct Work {
     pub voxels_updated: u64,
     /// Voxels whose weight was clamped, summed over slices.
     pub weights_clamped: u64,
+    /// Slices whose picture told nothing of [shadows](super::shadow_weights), so that all its
+    /// pixels counted in full.
+    pub without_shadows: u64,
     /// Slices whose time was earlier than the newest before them.
     pub times_backwards: u64,
     /// Slices whose time was more than a day after the newest before them, or more than ten
@@ -80,6 +85,7 @@ impl std::ops::AddAssign for Work {
         self.voxels_sampled += other.voxels_sampled;
         self.voxels_updated += other.voxels_updated;
         self.weights_clamped += other.weights_clamped;
+        self.without_shadows += other.without_shadows;
         self.times_backwards += other.times_backwards;
         self.times_absurd += other.times_absurd;
     }
@@ -99,6 +105,7 @@ pub struct Reconstructor {
     chunks: Vec<BrickChunk>,
     work: Work,
     last: Option<Entered>,
+    normals: Normals,
 }
 
 /// A slice that was inserted, with all that is needed to insert it into another part of the
@@ -119,10 +126,11 @@ impl Reconstructor {
     pub fn new(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
         settings.check(&mask)?;
         let team = settings.team()?;
-        let mut volume = BrickVolume::remembering(Entry::of(settings.compounding)?.memory());
+        let mut volume = BrickVolume::remembering(settings.entry()?.memory());
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         let (stream, plan, chunks) = (Stream::new(settings, mask), Plan::default(), Vec::new());
-        Ok(Self { stream, team, volume, plan, chunks, work: Work::default(), last: None })
+        let (work, last, normals) = (Work::default(), None, Normals::NONE);
+        Ok(Self { stream, team, volume, plan, chunks, work, last, normals })
     }
 
     /// Returns a copy that continues by itself; neither changes with the other. They share threads.
@@ -131,8 +139,9 @@ impl Reconstructor {
     /// When the system has no memory to give.
     pub fn copy(&self) -> std::io::Result<Self> {
         let (team, volume) = (self.team.clone(), self.volume.copy()?);
-        let (plan, chunks) = (Plan::default(), Vec::new());
-        Ok(Self { stream: self.stream.clone(), team, volume, plan, chunks, work: self.work, last: self.last })
+        let (stream, plan, chunks) = (self.stream.clone(), Plan::default(), Vec::new());
+        let Self { work, last, normals, .. } = *self;
+        Ok(Self { stream, team, volume, plan, chunks, work, last, normals })
     }
 
     /// Like [`Self::new`], but continues a volume that another path began on the same lattice,
@@ -143,10 +152,10 @@ impl Reconstructor {
         volume: BrickVolume,
         admission: Admission,
         clock: DecayClock,
-        work: Work,
+        (work, normals): (Work, Normals),
     ) -> Result<Self, SettingsError> {
         let new = Self::new(settings, mask)?;
-        Ok(Self { stream: new.stream.after(admission, clock), volume, work, ..new })
+        Ok(Self { stream: new.stream.after(admission, clock), volume, work, normals, ..new })
     }
 
     /// The volume so far.
@@ -181,6 +190,11 @@ impl Reconstructor {
         self.stream.prepared.as_ref().map(|p| (p.filter.step_px(), p.filter.deviation()))
     }
 
+    /// The directions of the slices inserted.
+    pub(super) fn normals(&self) -> &Normals {
+        &self.normals
+    }
+
     /// Work done so far.
     pub fn work(&self) -> Work {
         self.work
@@ -204,8 +218,16 @@ impl Reconstructor {
     /// # Errors
     /// [`Refused`] with the reason; nothing has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        self.insert_weighted(slice, 1.0)
+    }
+
+    /// The same with a weight of the whole slice, by the [gaps](super::gap_weights) beside it.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; nothing has changed then.
+    pub fn insert_weighted(&mut self, slice: &Slice, weight: f32) -> Result<Touched, Refused> {
         let team = self.team.clone();
-        self.insert_with(slice, self.sharing(team.as_deref()))
+        self.insert_with(slice, weight, self.sharing(team.as_deref()))
     }
 
     /// Inserts a slice as the stream that has seen all slices decided about it.
@@ -227,8 +249,8 @@ impl Reconstructor {
         }
     }
 
-    fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
-        let decided = self.stream.decide(slice, sharing)?;
+    fn insert_with(&mut self, slice: &Slice, weight: f32, sharing: Sharing) -> Result<Touched, Refused> {
+        let decided = self.stream.decide(slice, weight, sharing)?;
         let touched = self.enter(slice, &decided.plane, &decided.decision, sharing)?;
         self.stream.entered(slice, &decided);
         let clock = &self.stream.clock;
@@ -257,16 +279,20 @@ impl Reconstructor {
             return Ok(Touched::default());
         }
         let (filter, certainty, mask) = (&mut prepared.filter, &prepared.certainty, &prepared.mask);
-        let (rule, time) = (prepared.rule, decision.time());
+        let shadows = &mut prepared.shadows;
+        let (rule, time, weight) = (prepared.rule, decision.time(), decision.weight);
 
         // Finding bricks and filtering the image are independent.
         let (plan, volume) = (&mut self.plan, &self.volume);
-        let (planned, ()) = sharing.both(
+        let (planned, pixel_weights) = sharing.both(
             || {
-                let filtered = FilteredSlice::new(certainty, 0.0, certainty, time, rule);
+                let filtered = FilteredSlice::new(certainty, 0.0, certainty, (time, weight), rule);
                 plan.find(&geometry, &bricks, mask, volume, &filtered, simd, limit_bytes)
             },
-            || filter.filter(&slice.image, sharing),
+            || {
+                filter.filter(&slice.image, sharing);
+                shadows.as_mut().map(|shadows| shadows.of(&slice.image, simd, sharing))
+            },
         );
         planned?;
         let new = self.plan.absent.len();
@@ -277,7 +303,8 @@ impl Reconstructor {
         for (task, index) in &self.plan.absent {
             self.plan.tasks[*task].slot = self.volume.find_or_insert(*index).0;
         }
-        let filtered = FilteredSlice::new(&filter.value, filter.level, certainty, time, rule);
+        let filtered = FilteredSlice::new(&filter.value, filter.level, certainty, (time, weight), rule)
+            .with_pixel_weights(pixel_weights.flatten());
         let tasks = &mut self.plan.tasks;
         if let Entry::Decay(_) = rule.entry {
             for (task, _) in &self.plan.absent {
@@ -302,6 +329,8 @@ impl Reconstructor {
             touched.bricks.push(self.volume.place(task.slot));
             touched.voxels += u64::from(task.updated);
         }
+        let [x, y, z] = [0, 1, 2].map(|axis| plane.image_from_world.matrix3.col(axis).z);
+        self.normals.add(self.stream.settings.lattice_direction.transpose() * DVec3::new(x, y, z));
         let sum = |f: fn(&Task) -> u32| tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
         self.last = Some(entered);
         self.work.slices += 1;
@@ -313,6 +342,7 @@ impl Reconstructor {
         self.work.voxels_sampled += sum(|t| t.vectors) * simd::LANES as u64;
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
+        self.work.without_shadows += u64::from(matches!(pixel_weights, Some(None)));
         Ok(touched)
     }
 }

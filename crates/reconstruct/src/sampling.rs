@@ -20,7 +20,7 @@ pub(crate) enum Sampling {
 impl Sampling {
     pub(crate) fn of(method: Method) -> Self {
         match method {
-            Method::Gaussian | Method::GaussianTruncated | Method::BSpline3 => Self::Spline,
+            Method::Gaussian | Method::GaussianTruncated | Method::Gaussian4 | Method::BSpline3 => Self::Spline,
             Method::Linear => Self::Linear,
             Method::Nearest => Self::Nearest,
         }

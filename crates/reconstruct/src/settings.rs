@@ -13,9 +13,11 @@ use volume::brick::BrickBox;
 
 use super::compounding::{Compounding, Entry};
 use super::decay::DecayError;
+use super::gap_weights::GapWeights;
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
 use super::nodes::MOST_NODES;
 use super::planar::Departure;
+use super::shadow_weights::ShadowWeights;
 use super::spline::SplineError;
 
 /// Default support in the plane, where taps are cheap: the energy outside is so small that a
@@ -58,6 +60,18 @@ pub struct Settings {
     /// Largest weight of a voxel, as a multiple of the kernel's peak, from 1 to
     /// [`MOST_WEIGHT`]. At this weight the mean keeps moving instead of freezing.
     pub max_weight: f64,
+    /// Whether sums of squares are kept, from which a [standard error](super::standard_error) of
+    /// each voxel follows: an eighth more memory. Only for [`Compounding::Mean`].
+    #[serde(default)]
+    pub standard_error: bool,
+    /// Whether slices are to be [weighted](super::gap_weights) by the gaps beside them. Not for
+    /// compoundings that [select](Compounding::selects).
+    #[serde(default)]
+    pub gap_weights: bool,
+    /// Weights of pixels by the [shadows](super::shadow_weights) that they lie in; `None` if all
+    /// count alike. Not for compoundings that [select](Compounding::selects).
+    #[serde(default)]
+    pub shadow_weights: Option<ShadowWeights>,
     /// Threads that filter and insert.
     #[serde(skip, default = "one")]
     pub threads: usize,
@@ -88,6 +102,9 @@ impl Settings {
             sigma_mm: [None; 3],
             support: [None; 2],
             max_weight: MAX_WEIGHT,
+            standard_error: false,
+            gap_weights: false,
+            shadow_weights: None,
             threads: 1,
             simd: Simd::detect(),
             memory_bytes: 8 << 30,
@@ -114,6 +131,9 @@ impl Settings {
         if !(self.max_weight >= 1.0 && self.max_weight <= MOST_WEIGHT) {
             return Err(SettingsError::MaxWeight(self.max_weight));
         }
+        if let Some((number, value, range)) = self.shadow_weights.and_then(|shadows| shadows.beyond()) {
+            return Err(SettingsError::ShadowNumber { number, value, range });
+        }
         if mask.area() == 0 {
             return Err(SettingsError::EmptyMask);
         }
@@ -123,21 +143,50 @@ impl Settings {
     /// Returns the memory that a brick takes on the general path, bytes.
     ///
     /// # Errors
-    /// [`SettingsError::Decay`] for a decay that cannot be used.
+    /// [`SettingsError`] for a decay that cannot be used, and for standard errors of anything but a
+    /// mean.
     pub fn brick_bytes(&self) -> Result<u64, SettingsError> {
-        Ok(BrickVolume::remembering(Entry::of(self.compounding)?.memory()).brick_bytes())
+        Ok(BrickVolume::remembering(self.entry()?.memory()).brick_bytes())
     }
 
     /// Returns the setting that the planar path does not support, if any.
     pub fn beyond_planar(&self) -> Option<String> {
-        if self.method.interpolates() {
+        if self.method.interpolates() || self.method == Method::Gaussian4 {
             Some(format!("the kernel {}", self.method.name()))
         } else if self.compounding.selects() {
             Some(format!("the compounding {}", self.compounding.name()))
+        } else if self.standard_error {
+            Some("standard errors".into())
+        } else if self.gap_weights {
+            Some("gap weights".into())
+        } else if self.shadow_weights.is_some() {
+            Some("shadow weights".into())
         } else if self.region.is_some() {
             Some("a part of the volume".into())
         } else {
             None
+        }
+    }
+
+    /// Returns the weights of slices by the gaps beside them; `None` if they count alike.
+    pub fn weights_by_gaps(&self) -> Option<GapWeights> {
+        self.gap_weights.then(|| GapWeights::new(self.sigma_mm[2].unwrap_or(OFF_PLANE_SIGMA_MM)))
+    }
+
+    /// Returns the way a value enters a voxel.
+    ///
+    /// # Errors
+    /// [`SettingsError`] for a decay that cannot be used, for standard errors of anything but a
+    /// mean, and for weights of slices or pixels with a compounding that selects.
+    pub(super) fn entry(&self) -> Result<Entry, SettingsError> {
+        match self.compounding {
+            other if self.gap_weights && other.selects() => Err(SettingsError::GapWeights(other.name())),
+            other if self.shadow_weights.is_some() && other.selects() => {
+                Err(SettingsError::ShadowWeights(other.name()))
+            }
+            Compounding::Mean if self.standard_error => Ok(Entry::MeanAndSquares),
+            other if self.standard_error => Err(SettingsError::StandardError(other.name())),
+            compounding => Ok(Entry::of(compounding)?),
         }
     }
 
@@ -222,6 +271,25 @@ pub enum SettingsError {
         most = MOST_NODES
     )]
     Nodes(usize),
+    /// Standard errors were asked for with another compounding.
+    #[error("a standard error is that of a mean: leave it out, or choose the compounding mean instead of {0}")]
+    StandardError(&'static str),
+    /// Gap weights were asked for with a compounding that selects one slice.
+    #[error("gap weights are those of a mean: leave them out, or choose the compounding mean instead of {0}")]
+    GapWeights(&'static str),
+    /// Shadow weights were asked for with a compounding that selects one slice.
+    #[error("shadow weights are those of a mean: leave them out, or choose the compounding mean instead of {0}")]
+    ShadowWeights(&'static str),
+    /// A number of the shadow weights is out of its range.
+    #[error("shadow weights: {number} must lie between {} and {}, not at {value}", .range[0], .range[1])]
+    ShadowNumber {
+        /// The number's name.
+        number: &'static str,
+        /// Its value.
+        value: f64,
+        /// The least and the largest value.
+        range: [f64; 2],
+    },
     /// Invalid decay.
     #[error(transparent)]
     Decay(#[from] DecayError),

@@ -11,7 +11,7 @@ use simd::sharing::Sharing;
 use sonoweave_core::slice::Slice;
 
 use super::admission::Admission;
-use super::compounding::{Compounding, Entry, StampClock};
+use super::compounding::{Compounding, StampClock};
 use super::decay::DecayClock;
 use super::falloff::Falloff;
 use super::filter::SliceFilter;
@@ -20,6 +20,7 @@ use super::nodes::Nodes;
 use super::refusal::{Refused, RepeatError};
 use super::sampling::Sampling;
 use super::settings::{Settings, SettingsError};
+use super::shadow_weights::PictureWeights;
 use super::slab::{MaskSummary, Plane, SlabGeometry};
 use super::spline::Taps;
 use super::task::{Rule, SliceTime};
@@ -40,6 +41,8 @@ pub struct Decision {
     pub stamp: u32,
     /// Time on the decay's clock, ns.
     pub elapsed_ns: i64,
+    /// Weight of the whole slice, by the gaps beside it; 1 without [`Settings::gap_weights`].
+    pub weight: f32,
 }
 
 /// A decided slice, before it has entered.
@@ -56,6 +59,8 @@ pub(super) struct Prepared {
     pub(super) kernels: [AxisKernel; 3],
     pub(super) filter: SliceFilter,
     pub(super) certainty: Nodes,
+    /// Weights by shadows, if they count.
+    pub(super) shadows: Option<PictureWeights>,
     pub(super) mask: MaskSummary,
     pub(super) rule: Rule,
     fingerprint: u64,
@@ -98,11 +103,12 @@ impl Stream {
         made
     }
 
-    /// Decides about a slice. It counts for later ones once it has [entered](Self::entered).
+    /// Decides about a slice of this weight. It counts for later ones once it has
+    /// [entered](Self::entered).
     ///
     /// # Errors
     /// [`Refused`] with the reason.
-    pub(super) fn decide(&mut self, slice: &Slice, sharing: Sharing) -> Result<Decided, Refused> {
+    pub(super) fn decide(&mut self, slice: &Slice, weight: f32, sharing: Sharing) -> Result<Decided, Refused> {
         let plane = self.admission.check(slice, &self.mask)?;
         let stamp = match self.settings.compounding {
             Compounding::Latest => self.stamps.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
@@ -116,7 +122,8 @@ impl Stream {
         let Some(Prepared { pixel_mm, fingerprint, .. }) = self.prepared else {
             return Err(SettingsError::EmptyMask.into());
         };
-        let decision = Decision { pixel_mm, kernels: fingerprint, stamp, elapsed_ns: clock.elapsed_ns() };
+        let elapsed_ns = clock.elapsed_ns();
+        let decision = Decision { pixel_mm, kernels: fingerprint, stamp, elapsed_ns, weight };
         Ok(Decided { plane, decision, clock })
     }
 
@@ -162,7 +169,7 @@ impl Stream {
         let rule = Rule {
             sampling: Sampling::of(method),
             falloff: Falloff::new(&kernels[2]),
-            entry: Entry::of(settings.compounding)?,
+            entry: settings.entry()?,
             most_weight: (settings.max_weight * kernels[2].peak()) as f32,
         };
         // Half a pixel to the border of the data, plus one σ: from 0.84 σ on, too little of the
@@ -170,9 +177,12 @@ impl Stream {
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
         let mut filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin)?;
         let certainty = filter.certainty(sharing);
+        let step_px = filter.step_px();
+        let shadows = settings.shadow_weights.as_ref();
+        let shadows = shadows.and_then(|s| PictureWeights::new(s, &self.mask, pixel_mm, &certainty, step_px));
         let mask = MaskSummary::new(&certainty);
         let fingerprint = fingerprint(&kernels, &filter, &certainty);
-        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask, rule, fingerprint });
+        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, shadows, mask, rule, fingerprint });
         Ok(())
     }
 }

@@ -48,19 +48,42 @@ pub(crate) struct SliceTime {
 pub(crate) struct FilteredSlice<'a> {
     pub(crate) value: &'a Nodes,
     pub(crate) certainty: &'a Nodes,
+    /// Weights of the pixels by their shadows, on the same nodes; `None` if all count in full.
+    pub(crate) pixel_weights: Option<&'a Nodes>,
     /// Grey level that the values are relative to.
     pub(crate) level: f32,
     pub(crate) time: SliceTime,
+    /// Weight of the whole slice.
+    pub(crate) weight: f32,
     pub(crate) rule: Rule,
-    /// Factors that convert the sums over patches of values and certainties into grey levels
-    /// and fractions: powers of two.
-    pub(crate) unit: [f32; 2],
+    /// Factors that convert the sums over patches of values, certainties and weights of pixels into
+    /// grey levels and fractions: powers of two.
+    pub(crate) unit: [f32; 3],
 }
 
 impl<'a> FilteredSlice<'a> {
     /// Combines an image and its certainty.
-    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, time: SliceTime, rule: Rule) -> Self {
-        let unit = [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits()));
-        Self { value, certainty, level, time, rule, unit }
+    pub(crate) fn new(
+        value: &'a Nodes,
+        level: f32,
+        certainty: &'a Nodes,
+        (time, weight): (SliceTime, f32),
+        rule: Rule,
+    ) -> Self {
+        let [value_unit, certainty_unit] = [value, certainty].map(|nodes| unit(nodes, rule));
+        let unit = [value_unit, certainty_unit, 1.0];
+        Self { value, certainty, pixel_weights: None, level, time, weight, rule, unit }
     }
+
+    /// Sets the weights of its pixels, which have the shape of its values.
+    pub(crate) fn with_pixel_weights(self, weights: Option<&'a Nodes>) -> Self {
+        let [value, certainty, _] = self.unit;
+        let last = weights.map_or(1.0, |nodes| unit(nodes, self.rule));
+        Self { pixel_weights: weights, unit: [value, certainty, last], ..self }
+    }
+}
+
+/// Returns the factor that converts sums over patches of nodes.
+fn unit(nodes: &Nodes, rule: Rule) -> f32 {
+    2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits())
 }

@@ -2,7 +2,9 @@
 
 mod compounding;
 mod decay;
+mod order;
 mod region;
+mod weights;
 
 use std::sync::Arc;
 
@@ -16,8 +18,7 @@ use sonoweave_core::slice::{Image, Pixels, Slice};
 use volume::{BrickVolume, Grid, Voxels, brick::BrickIndex, brick_volume::SEEN};
 
 use super::kernel::{Method, Support};
-use super::reference::Reference;
-use super::{Compounding, Reconstructor, Refused, Settings, Simd};
+use super::{Compounding, Reconstructor, Refused, Settings, Simd, reference::Reference};
 
 /// A small freehand scan of a scene: 72×60 pixels of 0.25 mm.
 fn scan(scene: Scene, frames: u32, noise_sd: f64, depth: Depth) -> Scan {
@@ -106,13 +107,12 @@ fn fast_path_matches_equations_within_deviation() {
                 differ += 1;
                 continue;
             }
-            let peak = 255.0;
-            assert!((f64::from(r) - slow.r[i]).abs() <= 1.1 * deviation * peak * 4.0 + 1e-3, "{voxel:?}");
+            assert!((f64::from(r) - slow.r[i]).abs() <= 1.1 * deviation * 255.0 * 4.0 + 1e-3, "{voxel:?}");
             if let Some(value) = slow.value(i).filter(|_| slow.w[i] > 0.05 && w > SEEN) {
                 seen += 1;
                 let error = (f64::from(r / w) - value).abs();
                 // At the threshold the weight is a fifth: five times the relative error.
-                assert!(error <= 5.0 * 2.0 * deviation * peak, "{voxel:?}: {error}");
+                assert!(error <= 5.0 * 2.0 * deviation * 255.0, "{voxel:?}: {error}");
             }
         }
         assert!(seen > 500, "{seen}");

@@ -27,6 +27,16 @@ macro_rules! of_two {
     };
 }
 
+/// Lanes k of the sums of lanes k, k + 8, k + 4 and k + 12, in this order.
+#[inline(always)]
+unsafe fn folded(x: [__m256; 2]) -> __m128 {
+    // SAFETY: the caller guarantees AVX2.
+    unsafe {
+        let half = _mm256_add_ps(x[0], x[1]);
+        _mm_add_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps::<1>(half))
+    }
+}
+
 /// Loads two patches' rows side by side, each `down` elements after its pointer.
 #[inline(always)]
 unsafe fn side_by_side(at: [*const u32; 2], down: usize) -> __m256i {
@@ -174,6 +184,14 @@ unsafe impl Lanes for Avx2 {
         unsafe {
             _mm256_storeu_si256(to.cast(), _mm256_cvttps_epi32(self.0[0]));
             _mm256_storeu_si256(to.add(8).cast(), _mm256_cvttps_epi32(self.0[1]));
+        }
+    }
+    #[inline(always)]
+    unsafe fn add_halves(a: Self, b: Self, to: *mut f32) {
+        // SAFETY: the caller guarantees four numbers at `to`; the rest as for the trait.
+        unsafe {
+            let sums = _mm_hadd_ps(folded(a.0), folded(b.0));
+            _mm_storeu_ps(to, _mm_add_ps(_mm_loadu_ps(to), sums));
         }
     }
     #[inline(always)]

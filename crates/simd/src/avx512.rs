@@ -20,6 +20,17 @@ macro_rules! of_two {
     };
 }
 
+/// Lanes k of the sums of lanes k, k + 8, k + 4 and k + 12, in this order.
+#[inline(always)]
+unsafe fn folded(x: __m512) -> __m128 {
+    // SAFETY: the caller guarantees AVX-512 F.
+    unsafe {
+        let high = _mm256_castpd_ps(_mm512_extractf64x4_pd::<1>(_mm512_castps_pd(x)));
+        let half = _mm256_add_ps(_mm512_castps512_ps256(x), high);
+        _mm_add_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps::<1>(half))
+    }
+}
+
 /// Loads four patches' rows side by side, each `down` elements after its pointer: lanes 0–3
 /// from the first, 4–7 from the second, and so on.
 #[inline(always)]
@@ -149,6 +160,14 @@ unsafe impl Lanes for Avx512 {
     unsafe fn store_integers(self, to: *mut u32) {
         // SAFETY: as for the trait.
         unsafe { _mm512_storeu_si512(to.cast(), _mm512_cvttps_epi32(self.0)) }
+    }
+    #[inline(always)]
+    unsafe fn add_halves(a: Self, b: Self, to: *mut f32) {
+        // SAFETY: the caller guarantees four numbers at `to`; the rest as for the trait.
+        unsafe {
+            let sums = _mm_hadd_ps(folded(a.0), folded(b.0));
+            _mm_storeu_ps(to, _mm_add_ps(_mm_loadu_ps(to), sums));
+        }
     }
     #[inline(always)]
     unsafe fn prefetch(at: *const f32) {

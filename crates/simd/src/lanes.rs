@@ -89,6 +89,10 @@ pub unsafe trait Lanes: Copy {
     unsafe fn not_above(at: *const u32, most: u32) -> Self::Mask;
     /// Writes an integer where the mask is set.
     unsafe fn replace_where(mask: Self::Mask, at: *mut u32, with: u32);
+    /// Adds to four numbers: the sums of `a` over the two halves of its lanes, then those of `b`.
+    /// If lanes are 4×2×2 voxels, a half is a cube: lanes k with k mod 4 below 2, and the others. A
+    /// sum is ((x₀ + x₈) + (x₄ + x₁₂)) + ((x₁ + x₉) + (x₅ + x₁₃)), and the same for lanes 2 and 3.
+    unsafe fn add_halves(a: Self, b: Self, to: *mut f32);
     /// Prefetches the cache line at an address; nothing is read.
     unsafe fn prefetch(at: *const f32);
 }

@@ -346,5 +346,16 @@ unsafe impl Lanes for Portable {
         }
     }
     #[inline(always)]
+    unsafe fn add_halves(a: Self, b: Self, to: *mut f32) {
+        let half = |x: &[f32; LANES], k: usize| (x[k] + x[k + 8]) + (x[k + 4] + x[k + 12]);
+        let sums = [&a.0, &b.0].map(|x| [0, 2].map(|k| half(x, k) + half(x, k + 1)));
+        // SAFETY: the caller guarantees four numbers there.
+        unsafe {
+            let at = to.cast::<[[f32; 2]; 2]>();
+            let before = at.read_unaligned();
+            at.write_unaligned([0, 1].map(|i| [0, 1].map(|j| before[i][j] + sums[i][j])));
+        }
+    }
+    #[inline(always)]
     unsafe fn prefetch(_at: *const f32) {}
 }

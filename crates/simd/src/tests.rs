@@ -59,6 +59,9 @@ unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<
         out.push(pairs.map(f32::from_bits));
         out.push(stamps.map(f32::from_bits));
         out.push(halves.map(f32::from));
+        let mut sums: Row = std::array::from_fn(|k| c[k]);
+        L::add_halves(x, y, sums.as_mut_ptr());
+        out.push(sums);
         out
     }
 }
@@ -124,6 +127,11 @@ fn scalar(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
         }),
         lanes(&|k| f32::from_bits(if table[k] <= 1 << 31 && mask(k) { 0xFFFF_FFFE } else { table[k] })),
         lanes(&|k| f32::from(if mask(k) { 0xFFFE } else { table[k] as u16 })),
+        lanes(&|k| {
+            let of = [a, b][k / 2 % 2];
+            let at = |lane: usize| (of[lane] + of[lane + 8]) + (of[lane + 4] + of[lane + 12]);
+            if k < 4 { c[k] + (at(k % 2 * 2) + at(k % 2 * 2 + 1)) } else { c[k] }
+        }),
     ]
 }
 

@@ -22,6 +22,8 @@ use formats::whole::write_whole;
 use mask::{MaskFound, MaskSettings};
 use pipeline::{Outcome, SmoothingStatus};
 use reconstruct::Compounding;
+use reconstruct::ShadowWeights;
+use reconstruct::first_moment::Correction;
 use sonoweave_core::ledger::Ledger;
 
 /// Distribution of the slices' insertion times, ms.
@@ -114,6 +116,51 @@ impl FillNumbers {
     }
 }
 
+/// Weights of pixels by their shadows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShadowNumbers {
+    /// Their settings.
+    #[serde(flatten)]
+    pub settings: ShadowWeights,
+    /// Slices whose picture is dark in most places or at the end of all beams, so that it tells
+    /// nothing of shadows: all its pixels count in full.
+    pub dark_slices: u64,
+}
+
+/// First-moment correction of the written values.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MomentNumbers {
+    /// Mean distance of the slices from their voxel, mm: the median over the seen voxels.
+    pub distance_mm: f64,
+    /// Change of the value, up or down, grey levels: the median.
+    pub change: f64,
+    /// Its 95th percentile, grey levels.
+    pub change_p95: f64,
+}
+
+impl MomentNumbers {
+    /// Returns the numbers of a corrected volume.
+    pub fn of(correction: &Correction) -> Self {
+        let Correction { distance_mm, change, change_p95 } = *correction;
+        Self { distance_mm, change, change_p95 }
+    }
+}
+
+/// Standard errors of a volume's voxels.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ErrorNumbers {
+    /// Standard deviation of one slice's filtered values by noise, grey levels.
+    pub noise: f64,
+    /// Error of places by the noise of poses that is included, mm; `None` if it is unknown.
+    pub pose_mm: Option<f64>,
+    /// Median over the seen voxels, grey levels.
+    pub median: f64,
+    /// 95th percentile, grey levels.
+    pub p95: f64,
+    /// Median of the effective number of slices that reach a voxel.
+    pub slices: f64,
+}
+
 /// The numbers of a reconstruction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Statistics {
@@ -146,14 +193,22 @@ pub struct Statistics {
     pub route: String,
     /// Frames by the smoothing of their poses; `None` if they are used as recorded.
     pub smoothing: Option<SmoothingStatus>,
+    /// First-moment correction of the files, if requested.
+    pub first_moment: Option<MomentNumbers>,
     /// Holes that were filled in the files, if requested.
     pub fill: Option<FillNumbers>,
+    /// Standard errors, if they were written.
+    pub standard_error: Option<ErrorNumbers>,
     /// Scalar type of the file, if one was written.
     pub scalar: Option<&'static str>,
     /// The kernel's kind.
     pub method: &'static str,
     /// Rule that combines the values of several slices in a voxel.
     pub compounding: &'static str,
+    /// Whether slices are weighted by the gaps beside them.
+    pub gap_weights: bool,
+    /// Weights of pixels by their shadows, if they count.
+    pub shadow_weights: Option<ShadowNumbers>,
     /// Decay of old data, if any.
     pub decay: Option<DecayNumbers>,
     /// Slices whose time was earlier than the newest before them: they get that time.
@@ -228,10 +283,16 @@ impl Statistics {
             world: outcome.world.clone(),
             route: outcome.route.clone(),
             smoothing: outcome.smoothing.clone(),
+            first_moment: None,
             fill: None,
+            standard_error: None,
             scalar,
             method: settings.method.name(),
             compounding: settings.compounding.name(),
+            gap_weights: settings.gap_weights,
+            shadow_weights: settings
+                .shadow_weights
+                .map(|settings| ShadowNumbers { settings, dark_slices: work.without_shadows }),
             decay: DecayNumbers::of(settings.compounding),
             times_backwards: work.times_backwards,
             times_absurd: work.times_absurd,

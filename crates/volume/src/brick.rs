@@ -81,10 +81,40 @@ pub struct Brick {
 pub struct Stamps(pub [u32; VOXELS]);
 
 /// Time of each voxel's last write, in 16-bit ticks of the decay since its brick's
-/// [`Epoch`](super::brick_volume::Epoch). Ordered by [`offset`].
+/// [`Epoch`](super::memory::Epoch). Ordered by [`offset`].
 #[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
 #[repr(C, align(64))]
 pub struct Ages(pub [u16; VOXELS]);
+
+/// Cells of 2×2×2 voxels in a brick.
+pub const CELLS: usize = VOXELS / 8;
+
+/// Sums over the voxels of a cell of 2×2×2.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CellSquares {
+    /// Σ weight².
+    pub w2: f32,
+    /// Σ weight·(value − mean)², about the weighted mean of each voxel's values so far.
+    pub s: f32,
+}
+
+/// Sums from which standard errors follow, an eighth of the brick's size. There is one for each
+/// cell of 2×2×2 voxels: neighbours have much the same error.
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Squares {
+    /// For each tile, in their order: Σ weight² of its two cells, and Σ weight·(value − mean)² of
+    /// both.
+    pub tiles: [[f32; 4]; CELLS / 2],
+}
+
+impl Squares {
+    /// Returns the sums of a cell, by its position in the brick.
+    pub fn cell(&self, [x, y, z]: [usize; 3]) -> CellSquares {
+        let tile = self.tiles[offset(2 * x, 2 * y, 2 * z) / (TILE[0] * TILE[1] * TILE[2])];
+        CellSquares { w2: tile[x % 2], s: tile[2 + x % 2] }
+    }
+}
 
 /// Returns the index of a voxel in its brick: tiles x fastest, and x fastest in a tile.
 #[inline]

@@ -10,7 +10,8 @@ use std::io;
 use rustc_hash::FxHashMap;
 
 use super::arena::Arena;
-use super::brick::{Ages, Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
+use super::brick::{Ages, Brick, BrickIndex, EDGE, Squares, Stamps, VOXELS, offset, voxel_at};
+use super::memory::{Epoch, Memory, remaining};
 pub use super::read::SEEN;
 use super::read::Voxels;
 
@@ -33,45 +34,6 @@ impl Slot {
     }
 }
 
-/// Times of a brick under decay, ns since the first slice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Epoch {
-    /// Origin of its ticks, or of its forward decay.
-    pub base_ns: i64,
-    /// Time of the last slice that changed it.
-    pub touched_ns: i64,
-}
-
-impl Epoch {
-    /// Returns the epoch of a brick that begins now.
-    pub fn at(elapsed_ns: i64) -> Self {
-        Self { base_ns: elapsed_ns, touched_ns: elapsed_ns }
-    }
-}
-
-/// Data that a volume keeps besides sums.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Memory {
-    /// Nothing.
-    #[default]
-    Sums,
-    /// The time of each voxel.
-    Stamps,
-    /// The age of each voxel, counted from an epoch of its brick.
-    Ages,
-    /// An epoch of each brick; weights are kept forward of it and fade at this rate, 1/s.
-    Epochs {
-        /// a, 1/s.
-        rate_per_s: f64,
-    },
-}
-
-/// Returns the fraction of a brick's stored weights that remains at its last touch, under
-/// forward decay.
-fn remaining(rate_per_s: f64, epoch: Epoch) -> f32 {
-    libm::exp(-rate_per_s * (epoch.touched_ns - epoch.base_ns) as f64 * 1e-9) as f32
-}
-
 /// The sparse volume.
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
@@ -82,6 +44,8 @@ pub struct BrickVolume {
     stamps: Arena,
     /// Used for [`Memory::Ages`].
     ages: Arena,
+    /// Used for [`Memory::Squares`].
+    squares: Arena,
     /// By slot, for [`Memory::Ages`] and [`Memory::Epochs`].
     epochs: Vec<Epoch>,
     /// Lattice position of each slot's brick; its length is the number of bricks.
@@ -118,6 +82,7 @@ impl BrickVolume {
             memory,
             stamps: arena(size_of::<Stamps>()),
             ages: arena(size_of::<Ages>()),
+            squares: arena(size_of::<Squares>()),
             epochs: Vec::new(),
             places: Vec::new(),
         }
@@ -129,17 +94,14 @@ impl BrickVolume {
     /// When the system has no memory to give.
     pub fn copy(&self) -> io::Result<Self> {
         let bricks = self.places.len();
-        let (stamps, ages) = match self.memory {
-            Memory::Stamps => (bricks, 0),
-            Memory::Ages => (0, bricks),
-            Memory::Sums | Memory::Epochs { .. } => (0, 0),
-        };
+        let count = |arena: &Arena| bricks.min(arena.capacity());
         Ok(Self {
             blocks: self.blocks.clone(),
             bricks: self.bricks.copy(bricks)?,
             memory: self.memory,
-            stamps: self.stamps.copy(stamps)?,
-            ages: self.ages.copy(ages)?,
+            stamps: self.stamps.copy(count(&self.stamps))?,
+            ages: self.ages.copy(count(&self.ages))?,
+            squares: self.squares.copy(count(&self.squares))?,
             epochs: self.epochs.clone(),
             places: self.places.clone(),
         })
@@ -152,6 +114,7 @@ impl BrickVolume {
             Memory::Stamps => size_of::<Stamps>(),
             Memory::Ages => size_of::<Ages>() + size_of::<Epoch>(),
             Memory::Epochs { .. } => size_of::<Epoch>(),
+            Memory::Squares => size_of::<Squares>(),
         };
         (size_of::<Brick>() + beside) as u64
     }
@@ -210,6 +173,7 @@ impl BrickVolume {
         match self.memory {
             Memory::Stamps => self.stamps.reserve(bricks),
             Memory::Ages => self.ages.reserve(bricks),
+            Memory::Squares => self.squares.reserve(bricks),
             Memory::Sums | Memory::Epochs { .. } => Ok(()),
         }
     }
@@ -281,6 +245,11 @@ impl BrickVolume {
     /// Base addresses of the voxels' ages, if they are kept.
     pub fn age_pointers(&mut self) -> impl Iterator<Item = *mut Ages> {
         self.ages.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
+    }
+
+    /// Base addresses of the sums of squares, if they are kept.
+    pub fn square_pointers(&mut self) -> impl Iterator<Item = *mut Squares> {
+        self.squares.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
     }
 
     /// Returns the chunk of a slot and its position in the chunk, to be used with
@@ -369,6 +338,11 @@ impl Voxels for BrickVolume {
         }
     }
 
+    fn squares(&self, block: BrickIndex) -> Option<&Squares> {
+        let slot = self.find(block).filter(|_| self.memory == Memory::Squares)?;
+        Some(bytemuck::from_bytes(self.squares.piece(slot.index())))
+    }
+
     fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
         let mut lowest = [i64::MAX; 3];
         let mut highest = [i64::MIN; 3];
@@ -404,7 +378,7 @@ impl Voxels for BrickVolume {
     }
 
     fn growth_bytes(&self) -> u64 {
-        let arenas = [&self.bricks, &self.stamps, &self.ages];
+        let arenas = [&self.bricks, &self.stamps, &self.ages, &self.squares];
         arenas.into_iter().map(|arena| arena.growth_bytes(self.places.len())).sum()
     }
 }
@@ -454,7 +428,8 @@ mod tests {
 
     #[test]
     fn copy_has_same_voxels_and_does_not_follow() {
-        for memory in [Memory::Sums, Memory::Stamps, Memory::Ages, Memory::Epochs { rate_per_s: 1.0 }] {
+        for memory in [Memory::Sums, Memory::Stamps, Memory::Ages, Memory::Epochs { rate_per_s: 1.0 }, Memory::Squares]
+        {
             let mut volume = BrickVolume::remembering(memory);
             volume.reserve(CHUNK + 1).unwrap();
             for x in 0..=CHUNK as i32 {

@@ -222,12 +222,6 @@ impl ColumnVolume {
 }
 
 impl Voxels for ColumnVolume {
-    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
-        let (mut r, mut w) = ([0.0], [0.0]);
-        self.row(voxel, &mut r, &mut w);
-        (r[0], w[0])
-    }
-
     fn row(&self, [x, y, z]: [i64; 3], r: &mut [f32], w: &mut [f32]) {
         assert_eq!(r.len(), w.len());
         r.fill(0.0);

@@ -3,6 +3,7 @@
 //! - [`grid`]: lattice, spacing, direction; index ↔ world.
 //! - [`brick`]: 8³ voxels stored together.
 //! - [`brick_volume`]: the bricks that exist, anywhere on the lattice.
+//! - [`memory`]: data that these bricks keep besides sums.
 //! - [`columns`]: voxels in columns, for slices that stay perpendicular to a plane.
 //! - [`prism`]: a part of the volume between planes.
 //! - [`lattice`]: one canonical form for all descriptions of a lattice.
@@ -20,6 +21,7 @@ pub mod dense;
 pub mod difference;
 pub mod grid;
 pub mod lattice;
+pub mod memory;
 pub mod placed;
 pub mod prism;
 pub mod read;

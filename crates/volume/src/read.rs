@@ -1,7 +1,7 @@
 //! Read access to a volume, for export, rendering and comparison. Bricks and columns are read
 //! alike.
 
-use super::brick::{BrickIndex, EDGE, VOXELS};
+use super::brick::{BrickIndex, EDGE, Squares, VOXELS};
 
 /// A voxel whose weight does not exceed this is unseen. A sample at the kernel's peak weighs
 /// about 1; this is the far end of its tail.
@@ -10,8 +10,13 @@ pub const SEEN: f32 = 1e-3;
 /// Numerators and weights on a lattice. A voxel's value is r / w if w exceeds [`SEEN`];
 /// otherwise it is unseen.
 pub trait Voxels: Sync {
-    /// Returns numerator and weight of one voxel; zeros if nothing is stored.
-    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32);
+    /// Returns numerator and weight of one voxel, the same bits as [`Self::row`]; zeros if nothing
+    /// is stored.
+    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
+        let (mut r, mut w) = ([0.0], [0.0]);
+        self.row(voxel, &mut r, &mut w);
+        (r[0], w[0])
+    }
 
     /// Reads numerators and weights of the voxels from `start` along x, as many as `r` and `w`
     /// hold; zeros if nothing is stored.
@@ -26,6 +31,12 @@ pub trait Voxels: Sync {
         for (line, (r, w)) in r.chunks_exact_mut(EDGE).zip(w.chunks_exact_mut(EDGE)).enumerate() {
             self.row(line_of(block, line), r, w);
         }
+    }
+
+    /// Returns the sums of squares of a block of 8³ voxels; `None` if nothing is stored, or the
+    /// volume keeps none.
+    fn squares(&self, _block: BrickIndex) -> Option<&Squares> {
+        None
     }
 
     /// Smallest and largest lattice index of the seen voxels, both inclusive; `None` when

@@ -31,7 +31,7 @@ class Reconstructor:
     spacing : float or three floats, optional
         Distance between voxels, mm. By default the configuration's, else 0.5.
     method : str, optional
-        Kernel: ``gaussian``, ``gaussian-truncated``, ``bspline3``, ``linear``, ``nearest``.
+        Kernel: ``gaussian``, ``gaussian-truncated``, ``gaussian4``, ``bspline3``, ``linear``, ``nearest``.
     sigma : three floats or "auto", optional
         Kernel σ along u, v and the slice's normal, mm. ``auto``: σ across the plane from the gaps
         between slices, for :meth:`insert_all` alone.

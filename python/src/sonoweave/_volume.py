@@ -254,7 +254,9 @@ class Volume:
             File of the weights.
         **settings : Any
             Flags of the command for its outputs, with ``_`` for ``-``: ``type``, ``window``,
-            ``unseen``, ``fill``, ``fill_radius``, and those of DICOM. A volume of a file has none.
+            ``unseen``, ``first_moment``, ``fill``, ``fill_radius``, ``planes``, ``error``, and those
+            of DICOM. The standard errors of ``error`` need the same keyword where the volume was
+            reconstructed. A volume of a file has none.
 
         Returns
         -------

@@ -16,7 +16,8 @@ use super::ended::Ended;
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::provenance::Made;
-use crate::app::reconstruct::filling;
+use crate::app::reconstruct::standard_error::ErrorFile;
+use crate::app::reconstruct::{filling, first_moment, standard_error};
 use crate::failure::{Failure, with_remedy};
 
 /// Files that a session leaves.
@@ -26,7 +27,11 @@ pub(crate) struct Outputs {
     pub(crate) volume: Option<PathBuf>,
     /// Its weights.
     pub(crate) weights: Option<PathBuf>,
-    /// Filling of holes in both; `None` for none.
+    /// Its standard errors.
+    pub(crate) errors: Option<PathBuf>,
+    /// Whether the first moment of the volume's values is corrected.
+    pub(crate) first_moment: bool,
+    /// Filling of holes in the first two; `None` for none.
     pub(crate) filling: Option<Filling>,
     /// The last picture.
     pub(crate) picture: Option<PathBuf>,
@@ -45,7 +50,12 @@ impl Outputs {
             &bedside.volume.settings,
             self.volume.is_some() || self.weights.is_some(),
         )?;
-        for path in [&self.volume, &self.weights].into_iter().flatten() {
+        first_moment::check(self.first_moment, &bedside.volume.settings, self.volume.is_some())?;
+        standard_error::check(self.errors.is_some(), &bedside.volume.settings)?;
+        if self.errors.is_some() && !bedside.volume.settings.standard_error {
+            fail_usage!("--error: the session keeps no sums for it; set volume.standard_error = true, or leave it out");
+        }
+        for path in [&self.volume, &self.weights, &self.errors].into_iter().flatten() {
             input::check_volume(path)?;
             input::check_output(path)?;
         }
@@ -68,7 +78,7 @@ impl Outputs {
         print: &dyn Fn(&str),
         say: &dyn Fn(&str),
     ) -> Result<(), Failure> {
-        if self.volume.is_none() && self.weights.is_none() {
+        if [&self.volume, &self.weights, &self.errors].into_iter().all(Option::is_none) {
             return Ok(());
         }
         let reconstructor = &outcome.reconstructor;
@@ -84,9 +94,12 @@ impl Outputs {
         let calibration = "in the configuration".to_owned();
         let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };
         let mut fields = made.fields();
-        let filled = filling::fill(self.filling.as_ref(), reconstructor.volume(), &space, reconstructor.settings())?;
+        let corrected = first_moment::correct(self.first_moment, reconstructor);
+        fields.extend(corrected.iter().map(|(_, numbers)| first_moment::field(numbers)));
+        let volume = corrected.as_ref().map_or(reconstructor.volume(), |(corrected, _)| corrected as &dyn Voxels);
+        let filled = filling::fill(self.filling.as_ref(), volume, &space, reconstructor.settings())?;
         fields.extend(filled.iter().flat_map(filling::fields));
-        let volume = filled.as_ref().map_or(reconstructor.volume(), |filled| filled as &dyn Voxels);
+        let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
         if let Some(path) = &self.volume {
             write_values(volume, &space, path, &encoding, &fields)?;
             let [x, y, z] = space.grid.size;
@@ -96,8 +109,17 @@ impl Outputs {
             write_weights(volume, &space, path, &fields)?;
             print(&format!("weights: {}", path.display()));
         }
+        if let Some((_, numbers)) = &corrected {
+            print(&first_moment::sentence(numbers));
+        }
         if let Some(filled) = &filled {
             print(&filling::sentence(filled));
+        }
+        // Last, so that a scan without any overlap of slices loses only this file.
+        if let Some(path) = &self.errors {
+            let made = Made { encoding: &ErrorFile::encoding(), ..made };
+            let numbers = ErrorFile::new(path, outcome)?.write(&space, made.fields())?;
+            print(&standard_error::sentence(path, &numbers));
         }
         Ok(())
     }

@@ -17,6 +17,7 @@ use sync::history::Rigid;
 use sync::ingest::live::Gives;
 
 use super::free_space;
+use crate::app::reconstruct::standard_error::pose_noise;
 use crate::failure::Failure;
 
 /// Names of the devices, also used in recorded sessions.
@@ -86,6 +87,7 @@ pub(crate) fn stages(bedside: &Bedside, client: Option<Arc<dyn ViewClient>>) -> 
         wait_ns: bedside.pairing.wait_ns,
         longest_gap_ns: bedside.pairing.longest_gap_ns,
         smoothing: bedside.pairing.smoothing,
+        pose_noise: pose_noise(bedside.sensor_noise(), &bedside.calibration),
         stuck_after_ns: bedside.scanner.stuck_after_ns,
         mask: bedside.mask,
         settings: bedside.volume.settings.clone(),

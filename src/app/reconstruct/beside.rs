@@ -9,6 +9,8 @@ use crate::failure::Failure;
 pub(crate) struct Beside {
     /// The weights: 0 for unseen voxels, −1 for filled ones.
     pub(crate) weights: Option<PathBuf>,
+    /// The standard errors; −1 for unseen voxels.
+    pub(crate) errors: Option<PathBuf>,
     /// A picture of the three middle planes; filled voxels are tinted.
     pub(crate) planes: Option<PathBuf>,
     /// The report, as JSON.
@@ -16,12 +18,12 @@ pub(crate) struct Beside {
 }
 
 /// Suffixes of a recording's files in such folders.
-const ENDS: [&str; 3] = ["weights.mha", "planes.png", "json"];
+const ENDS: [&str; 4] = ["weights.mha", "error.mha", "planes.png", "json"];
 
 impl Beside {
     /// Returns each given path.
     pub(super) fn all(&self) -> impl Iterator<Item = &Path> {
-        [&self.weights, &self.planes, &self.json].into_iter().flatten().map(PathBuf::as_path)
+        [&self.weights, &self.errors, &self.planes, &self.json].into_iter().flatten().map(PathBuf::as_path)
     }
 
     /// Checks, for several recordings, that the given paths are folders, in which each recording
@@ -30,7 +32,12 @@ impl Beside {
     /// # Errors
     /// [`Failure`] with the first that is no folder.
     pub(super) fn check_folders(&self) -> Result<(), Failure> {
-        let given = [("--weights ", &self.weights), ("--planes ", &self.planes), ("--json=", &self.json)];
+        let given = [
+            ("--weights ", &self.weights),
+            ("--error ", &self.errors),
+            ("--planes ", &self.planes),
+            ("--json=", &self.json),
+        ];
         for ((flag, path), end) in given.into_iter().zip(ENDS) {
             if let Some(path) = path.as_deref().filter(|path| !path.is_dir()) {
                 fail_usage!(
@@ -47,7 +54,12 @@ impl Beside {
     pub(super) fn of(&self, name: &str) -> Self {
         let file =
             |folder: &Option<PathBuf>, end: &str| folder.as_ref().map(|folder| folder.join(format!("{name}.{end}")));
-        let [weights, planes, json] = ENDS;
-        Self { weights: file(&self.weights, weights), planes: file(&self.planes, planes), json: file(&self.json, json) }
+        let [weights, errors, planes, json] = ENDS;
+        Self {
+            weights: file(&self.weights, weights),
+            errors: file(&self.errors, errors),
+            planes: file(&self.planes, planes),
+            json: file(&self.json, json),
+        }
     }
 }

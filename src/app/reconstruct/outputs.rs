@@ -15,13 +15,16 @@ use export::volume::{DenseBox, Encoding, MOST_VOXELS, Scalar, write_values, writ
 use mask::MaskSettings;
 use ome_zarr::OmeZarrWriter;
 use pipeline::{Outcome, PixelKind};
+use reconstruct::path_choice::PathChoice;
 use statistics::{FillNumbers, Source, Statistics};
 use volume::Voxels;
 use volume::brick_volume::SEEN;
 
 use super::beside::Beside;
 use super::filling::{self, advised};
+use super::first_moment;
 use super::origin::Origin;
+use super::standard_error::{self, ErrorFile};
 use super::sweep::Sweep;
 use super::zarr::{Description, Target, is_ome_zarr};
 use crate::app::convert::identity;
@@ -36,6 +39,8 @@ pub(crate) struct OutputOptions {
     /// The volume's file; `None` if it is not written.
     pub(crate) volume: Option<PathBuf>,
     pub(crate) beside: Beside,
+    /// Whether the first moment of the values is corrected.
+    pub(crate) first_moment: bool,
     /// Filling of holes; `None` for none.
     pub(crate) filling: Option<Filling>,
     /// Scalar type; `None` for the input's.
@@ -66,7 +71,7 @@ impl OutputOptions {
     /// [`Failure`] with the first violation.
     fn check(&self, origin: &Origin) -> Result<(), Failure> {
         let (volume, beside) = (self.volume.as_deref(), &self.beside);
-        let volumes = [volume, beside.weights.as_deref()];
+        let volumes = [volume, beside.weights.as_deref(), beside.errors.as_deref()];
         let others = [beside.planes.as_deref(), beside.json.as_deref()];
         for path in volumes.into_iter().chain(others).flatten() {
             input::check_folder(path)?;
@@ -199,6 +204,15 @@ impl Request {
         let OutputOptions { volume, beside, filling, .. } = &options;
         let is_written = volume.is_some() || beside.weights.is_some() || beside.planes.is_some();
         filling::check(filling.as_ref(), &sweep.session.settings, is_written)?;
+        first_moment::check(
+            options.first_moment,
+            &sweep.session.settings,
+            volume.is_some() || beside.planes.is_some(),
+        )?;
+        standard_error::check(beside.errors.is_some(), &sweep.session.settings)?;
+        if beside.errors.is_some() && sweep.session.path == PathChoice::Planar {
+            fail_usage!("--error: the planar path keeps no sums for it; leave it out, or give --path general");
+        }
         let frames = (sweep.frames != (0..u64::MAX)).then_some([sweep.frames.start, sweep.frames.end]);
         let (config, mask) = (sweep.config.clone(), sweep.session.mask);
         Ok(Self { origin, options, began, config, mask, frames })
@@ -258,10 +272,13 @@ impl Request {
         };
 
         let hash = self.origin.hash(outcome)?;
-        let volume = outcome.reconstructor.volume();
+        let corrected = first_moment::correct(options.first_moment, &outcome.reconstructor);
+        let volume = corrected.as_ref().map_or(outcome.reconstructor.volume(), |(corrected, _)| corrected as _);
+        let errors = beside.errors.as_ref().map(|path| ErrorFile::new(path, outcome)).transpose()?;
         let filled = filling::fill(options.filling.as_ref(), volume, &space, outcome.reconstructor.settings())?;
         if let Some(encoding) = &encoding {
             let mut fields = self.provenance(outcome, &space, encoding, &hash)?;
+            fields.extend(corrected.iter().map(|(_, numbers)| first_moment::field(numbers)));
             fields.extend(filled.iter().flat_map(filling::fields));
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = &options.volume {
@@ -281,12 +298,17 @@ impl Request {
                 write_weights(volume, &space, path, &fields).map_err(advised)?;
             }
         }
+        let of_errors =
+            |file: ErrorFile| file.write(&space, self.provenance(outcome, &space, &ErrorFile::encoding(), &hash)?);
+        let errors = errors.map(of_errors).transpose()?;
         if let Some(path) = &beside.planes {
             draw(filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels), &space, path)?;
         }
         let scalar = encoding.map(|e| e.scalar.name());
         let mut statistics = Statistics::new(outcome, &space, scalar, self.began.elapsed());
+        statistics.first_moment = corrected.as_ref().map(|(_, numbers)| numbers.clone());
         statistics.fill = filled.as_ref().map(FillNumbers::of);
+        statistics.standard_error = errors;
         let document = self.document(&statistics, &hash, picture)?;
         let filled = filled.as_ref().map(filling::sentence);
         Ok(Written { statistics, document, filled })

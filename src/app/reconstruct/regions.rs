@@ -31,7 +31,9 @@ impl Request {
         let beside = &options.beside;
         let given = [
             ("--weights", beside.weights.is_some()),
+            ("--error", beside.errors.is_some()),
             ("--planes", beside.planes.is_some()),
+            ("--first-moment", options.first_moment),
             ("--fill", options.filling.is_some()),
         ];
         if let Some((flag, _)) = given.into_iter().find(|(_, is_given)| *is_given) {

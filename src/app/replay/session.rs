@@ -5,10 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use config::bedside::Bedside;
+use config::bedside::{Bedside, Tracking};
 use drivers::replay::Pace;
 use pipeline::command::Command;
 use pipeline::session::{Differences, RecordedDecisions, SchedulingPolicy, SessionInputs, Source, ViewClient};
+use reconstruct::Compounding;
 use sonoweave_core::clock::Monotonic;
 
 use super::series::{Gallery, Series};
@@ -45,16 +46,27 @@ impl ReplayRequest<'_> {
     /// [`Failure`] when it cannot be read, or a requested output cannot be written.
     pub(crate) fn open(&self) -> Result<(Chain, Bedside), Failure> {
         let Self { session, config, outputs, .. } = self;
-        for output in [&outputs.volume, &outputs.weights, &outputs.picture].into_iter().flatten() {
+        for output in [&outputs.volume, &outputs.weights, &outputs.errors, &outputs.picture].into_iter().flatten() {
             input::check_is_not(output, session)?;
         }
         outputs.json.check([*session])?;
         let mut chain = Chain::read(session)?;
         let (_, decisions) = chain.last();
-        let bedside = match config {
+        let mut bedside = match config {
             Some(path) => Bedside::read(path).map_err(Failure::configuration)?,
             None => Kept::bedside(session, decisions)?,
         };
+        // On the general path, the sums for standard errors leave the volume as it is.
+        let settings = &mut bedside.volume.settings;
+        if outputs.errors.is_some() && config.is_none() && settings.compounding == Compounding::Mean {
+            if matches!(bedside.tracking, Tracking::Arm(_)) {
+                fail_usage!(
+                    "--error: the session of an arm, whose path may be the planar one, keeps no sums for it; give \
+                     --config with volume.standard_error = true, or leave it out"
+                );
+            }
+            settings.standard_error = true;
+        }
         outputs.check(&bedside)?;
         Ok((chain, bedside))
     }

@@ -73,6 +73,14 @@ pub(super) struct OutputFlags {
     /// Write its weights (same formats as the volume)
     #[arg(long, value_name = "W.mha")]
     weights: Option<PathBuf>,
+    /// Write the standard error of its voxels, in grey levels: −1 for unseen ones. Needs
+    /// volume.standard_error = true
+    #[arg(long, value_name = "E.mha")]
+    error: Option<PathBuf>,
+    /// Correct each written value, by the slope around it, where slices lie beside their voxel on
+    /// average, as between uneven gaps
+    #[arg(long)]
+    first_moment: bool,
     #[command(flatten)]
     filling: FillFlags,
     /// Write the picture at the end
@@ -83,10 +91,12 @@ pub(super) struct OutputFlags {
 impl OutputFlags {
     /// Returns the requested outputs, the report among them.
     pub(super) fn outputs(&self, json: JsonFlag) -> Outputs {
-        let Self { output, weights, filling, picture } = self;
+        let Self { output, weights, error, first_moment, filling, picture } = self;
         Outputs {
             volume: output.clone(),
             weights: weights.clone(),
+            errors: error.clone(),
+            first_moment: *first_moment,
             filling: filling.filling(),
             picture: picture.clone(),
             json,

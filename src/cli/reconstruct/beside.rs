@@ -13,6 +13,10 @@ pub(in crate::cli) struct BesideFlags {
     /// Write the weights too: 0 for unseen voxels, −1 for filled ones
     #[arg(long, value_name = "FILE.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
+    /// Write the standard error of each voxel, in grey levels, by the spread of the slices that
+    /// reach it: −1 for unseen voxels. Needs an eighth more memory and the general path
+    #[arg(long, value_name = "FILE.mha")]
+    pub(in crate::cli) error: Option<PathBuf>,
     /// Draw the three middle planes; filled voxels are tinted
     #[arg(long, value_name = "FILE.png")]
     planes: Option<PathBuf>,
@@ -23,7 +27,7 @@ pub(in crate::cli) struct BesideFlags {
 impl BesideFlags {
     /// Returns the files.
     pub(in crate::cli) fn beside(&self) -> Beside {
-        let Self { weights, planes, json } = self.clone();
-        Beside { weights, planes, json: json.file().map(Path::to_owned) }
+        let Self { weights, error, planes, json } = self.clone();
+        Beside { weights, errors: error, planes, json: json.file().map(Path::to_owned) }
     }
 }

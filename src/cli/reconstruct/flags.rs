@@ -23,6 +23,7 @@ use crate::app::input;
 use crate::app::reconstruct::beside::Beside;
 use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::outputs::{OutputOptions, Request};
+use crate::app::reconstruct::standard_error::pose_noise;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::cli::dicom::flags::DicomFlags;
 use crate::cli::progress::turning;
@@ -111,6 +112,10 @@ pub(crate) struct Flags {
     pub(in crate::cli) max_memory: f64,
     #[command(flatten)]
     pub(in crate::cli) dicom: DicomFlags,
+    /// Correct each written value, by the slope around it, where slices lie beside their voxel on
+    /// average, as between uneven gaps
+    #[arg(long)]
+    first_moment: bool,
     #[command(flatten)]
     pub(in crate::cli) filling: FillFlags,
     #[command(flatten)]
@@ -184,11 +189,17 @@ impl Flags {
         Ok((Request::new(Origin::File(sequence.to_owned()), &sweep, options, began)?, sweep))
     }
 
+    /// Returns the files beside the volume.
+    pub(crate) fn beside(&self) -> Beside {
+        self.beside.beside()
+    }
+
     /// Returns the settings of the outputs.
     pub(crate) fn outputs(&self, volume: Option<&Path>, beside: Beside) -> OutputOptions {
         OutputOptions {
             volume: volume.map(Path::to_owned),
             beside,
+            first_moment: self.first_moment,
             filling: self.filling.filling(),
             scalar: self.scalar.map(|scalar| match scalar {
                 ScalarName::U8 => Scalar::U8,
@@ -230,6 +241,7 @@ impl Flags {
         let mut settings = Settings::new(spacing);
         settings.lattice_origin_mm = self.origin.unwrap_or(DVec3::ZERO);
         let off_plane = self.weighing.apply(&config, &mut settings)?;
+        settings.standard_error = self.beside.error.is_some();
         settings.threads = input::threads(self.threads);
         settings.simd = match self.simd {
             SimdName::Auto => Simd::detect(),
@@ -257,6 +269,7 @@ impl Flags {
                 },
                 ..PlanarSettings::default()
             },
+            pose_noise: pose_noise(config.sensor_noise(), &config),
             smoothing: (self.smoothing > 0.0).then(|| Smoothing::offline((self.smoothing * 1e6).round() as i64)),
             ..Session::new(config.pairing_options(self.world.as_deref()), mask, settings)
         };

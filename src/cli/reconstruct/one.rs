@@ -9,6 +9,7 @@ use statistics::Statistics;
 use super::flags::Flags;
 use crate::app::reconstruct::beside::Beside;
 use crate::app::reconstruct::outputs::{OutputOptions, Reconstructed, Written};
+use crate::app::reconstruct::{first_moment, standard_error};
 use crate::cli::Failure;
 use crate::cli::progress::{say, steps};
 use crate::cli::smoothing::sentences;
@@ -96,11 +97,17 @@ pub(in crate::cli) fn report(options: &OutputOptions, done: &Reconstructed) {
     let [su, sv, sn] = statistics.sigma_mm;
     let [eu, ev, en] = statistics.sigma_effective_mm;
     print_line!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
+    if let Some(numbers) = &statistics.first_moment {
+        print_line!("{}", first_moment::sentence(numbers));
+    }
     if let Some(filled) = filled {
         print_line!("{filled}");
     }
     if let Some(path) = &options.beside.weights {
         print_line!("weights: {}", path.display());
+    }
+    if let (Some(path), Some(errors)) = (&options.beside.errors, &statistics.standard_error) {
+        print_line!("{}", standard_error::sentence(path, errors));
     }
     if let Some(path) = &options.beside.planes {
         print_line!("middle planes: {}", path.display());

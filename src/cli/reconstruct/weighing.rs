@@ -46,6 +46,14 @@ pub(in crate::cli) struct Weighing {
     /// Time before fading begins, s: longer than a sweep takes to pass over a voxel [default: 2]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     decay_wait: Option<f64>,
+    /// Weight each slice by half the distance between its neighbours, for sweeps of uneven speed;
+    /// takes the general path
+    #[arg(long)]
+    gap_weights: bool,
+    /// Weight pixels in the shadow of bone or gas little, for places that several views have seen;
+    /// takes the general path
+    #[arg(long)]
+    shadow_weights: bool,
 }
 
 // clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a
@@ -62,6 +70,9 @@ enum MethodName {
     /// Truncated at the end of the support across the plane (Ohbuchi, Chen & Fuchs 1992)
     #[default]
     GaussianTruncated,
+    /// Keeps small details by a kernel of fourth order in the plane, with negative lobes; across
+    /// the plane like gaussian-truncated
+    Gaussian4,
     /// Cubic B-spline of the same σ along all axes; twice differentiable
     Bspline3,
     /// Bilinear between pixels, gaussian across the plane
@@ -87,6 +98,8 @@ impl Weighing {
             decay: self.decay,
             decay_rate: self.decay_rate,
             decay_wait: self.decay_wait,
+            gap_weights: self.gap_weights,
+            shadow_weights: self.shadow_weights,
         };
         said.apply(config.hwhm_mm, settings).map_err(|error| match error {
             Error::Setting { setting: "support", problem } => {
@@ -102,6 +115,7 @@ impl Weighing {
         match self.method {
             MethodName::Gaussian => Method::Gaussian,
             MethodName::GaussianTruncated => Method::GaussianTruncated,
+            MethodName::Gaussian4 => Method::Gaussian4,
             MethodName::Bspline3 => Method::BSpline3,
             MethodName::Linear => Method::Linear,
             MethodName::Nearest => Method::Nearest,

@@ -19,10 +19,7 @@ impl Bedside {
             let noise = virtual_bedside.scan.settings().tracker_noise;
             TrackerNoise { position_mm: noise.position_mm, rotation_deg: noise.rotation_degrees }
         });
-        let calibration = &self.calibration;
-        let fitted = || calibration.record.quality.and_then(|quality| quality.sensors);
-        let resting = calibration.tracker_noise.map(|noise| noise.whole);
-        given.or(simulated).or(resting).or_else(fitted)
+        given.or(simulated).or_else(|| self.calibration.sensor_noise())
     }
 }
 

@@ -4,6 +4,7 @@ use std::thread::available_parallelism;
 
 use glam::DVec3;
 
+use reconstruct::Compounding;
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::PlanarSettings;
 use reconstruct::settings::Settings;
@@ -63,6 +64,8 @@ impl Volume {
             decay: given.decay.map(|decay| decay.0),
             decay_rate: given.decay_per_s,
             decay_wait: given.decay_wait_s,
+            gap_weights: given.gap_weights,
+            shadow_weights: given.shadow_weights,
         };
         let key_of = |setting| match setting {
             "sigma" => "sigma_mm",
@@ -71,6 +74,16 @@ impl Volume {
             other => other,
         };
         weighing.apply(calibration.hwhm_mm, &mut settings).map_err(|unfit| keys.unfit(unfit, key_of))?;
+        settings.standard_error = given.standard_error;
+        if given.standard_error && settings.compounding != Compounding::Mean {
+            return Err(keys.error(
+                "standard_error",
+                format!(
+                    "a standard error is that of a mean; leave it out, or choose compound = \"mean\" instead of \"{}\"",
+                    settings.compounding.name()
+                ),
+            ));
+        }
         if path == PathChoice::Planar
             && let Some(beyond) = settings.beyond_planar()
         {

@@ -18,6 +18,12 @@ const SAME = 1e-6;
 
 export const KINDS = Object.keys(LOOKS).map(Number);
 
+// Says a voxel's grey value, with its 95 % interval if that is known.
+function said({ value, error, slices }) {
+  if (error === null) return `grey ${value.toFixed(0)}`;
+  return `grey ${value.toFixed(1)} ± ${error.toFixed(1)}, ${slices.toFixed(1)} slices`;
+}
+
 export class Planes {
   #of;
   #send;
@@ -26,6 +32,8 @@ export class Planes {
   #changed;
   #steers = false;
   #cross = null;
+  // The voxel there, as the session read it: { value, error, slices, cross }.
+  #voxel = null;
   // The plane that a hand used last.
   #used = null;
   #turn = -1;
@@ -74,6 +82,7 @@ export class Planes {
     this.#levels = new Levels({ room: of("levels-room"), preset: of("levels-preset"), says: of("levels-says"), greys: of("levels-greys"), looks: of("levels-looks") }, send);
     of("planes-open").addEventListener("click", () => this.toggle());
     of("planes-home").addEventListener("click", () => this.#home());
+    of("planes-errors").addEventListener("click", () => this.#send({ do: "errors", on: of("planes-errors").getAttribute("aria-pressed") !== "true" }));
     this.control(null);
   }
 
@@ -92,7 +101,7 @@ export class Planes {
   /// Sets whether this page has control: true, false, or null while unknown.
   control(steers) {
     this.#steers = steers === true;
-    this.#of("planes-home").disabled = !this.#steers;
+    for (const name of ["planes-home", "planes-errors"]) this.#of(name).disabled = !this.#steers;
     for (const plane of Object.values(this.#planes)) plane.control(this.#steers);
     this.#levels.control(this.#steers);
   }
@@ -155,6 +164,7 @@ export class Planes {
         this.#wished = -Infinity;
         this.#hold(lies.cross);
       }
+      this.#read(lies);
       this.open.window = lies.window;
       this.#levels.counts(lies);
     }
@@ -164,7 +174,23 @@ export class Planes {
   #hold(cross) {
     this.#cross = cross;
     this.open.cross = cross;
-    const text = `cross at ${cross.map((mm) => mm.toFixed(1)).join(", ")} mm`;
+    this.#caption();
+  }
+
+  // Takes the voxel at the crossing point, and whether errors are kept and shown.
+  #read({ cross, voxel, errors }) {
+    this.#voxel = voxel && { ...voxel, cross };
+    const button = this.#of("planes-errors");
+    button.hidden = errors === null;
+    button.setAttribute("aria-pressed", String(errors === true));
+    if (this.#cross) this.#caption();
+  }
+
+  // Writes the crossing point, and the grey value there once it has been read.
+  #caption() {
+    const at = `at ${this.#cross.map((mm) => mm.toFixed(1)).join(", ")} mm`;
+    const here = this.#voxel?.cross.every((mm, n) => Math.abs(mm - this.#cross[n]) < SAME);
+    const text = here ? `${at}: ${said(this.#voxel)}` : at;
     if (this.#of("planes-caption").textContent !== text) this.#of("planes-caption").textContent = text;
   }
 

@@ -173,12 +173,6 @@ fn enter(r: &mut [f32], w: &mut [f32], values: &[f32]) {
 }
 
 impl Voxels for Filled<'_> {
-    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
-        let (mut r, mut w) = ([0.0], [0.0]);
-        self.row(voxel, &mut r, &mut w);
-        (r[0], w[0])
-    }
-
     fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
         self.volume.row(start, r, w);
         let edge = EDGE as i64;

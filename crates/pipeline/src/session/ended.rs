@@ -105,6 +105,7 @@ impl EndedSession<'_> {
             world: status.world.clone(),
             route: status.route.clone(),
             smoothing: status.smoothing.clone(),
+            pose_error_mm: status.pose_error_mm(),
             voxels_updated: finished.reconstructor.work().voxels_updated,
             reconstructor: finished.reconstructor,
             chosen: finished.chosen,

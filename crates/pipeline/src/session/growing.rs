@@ -41,6 +41,8 @@ pub struct GrowingVolume {
     world: String,
     route: String,
     smoothing: Option<SmoothingStatus>,
+    /// The worst of its recordings.
+    pose_error_mm: Option<f64>,
     notes: Vec<String>,
     insert_ms: Vec<f64>,
 }
@@ -52,7 +54,7 @@ pub struct Inserted {
     pub touched: Vec<BrickIndex>,
     /// Refused frames: this one, or earlier ones that have waited for the mask.
     pub refused: Vec<Refusal>,
-    /// Frames that wait for the mask; their outcome comes with a later one.
+    /// Frames that wait for the mask, or for the next one; their outcome comes with a later one.
     pub waiting: u64,
 }
 
@@ -135,6 +137,7 @@ impl GrowingVolume {
             world,
             route,
             smoothing: None,
+            pose_error_mm: None,
             notes: Vec::new(),
             insert_ms: Vec::new(),
         }
@@ -177,6 +180,8 @@ impl GrowingVolume {
         });
         match ran {
             Ok(ran) => {
+                self.pose_error_mm =
+                    [self.pose_error_mm, ran.status.pose_error_mm()].into_iter().flatten().reduce(f64::max);
                 let SessionStatus { ledger, world, route, smoothing, notes, .. } = ran.status;
                 (self.world, self.route) = (world, route);
                 match (&mut self.smoothing, smoothing) {
@@ -248,7 +253,8 @@ impl GrowingVolume {
         }
     }
 
-    /// Inserts the frames that wait for the mask, by the mask that the frames so far show.
+    /// Inserts the frames that wait: for the mask, by that which the frames so far show, or for the
+    /// next one.
     ///
     /// # Errors
     /// Same as [`Self::insert`].
@@ -293,6 +299,7 @@ impl GrowingVolume {
             world: self.world.clone(),
             route: self.route.clone(),
             smoothing: self.smoothing.clone(),
+            pose_error_mm: self.pose_error_mm,
             mask,
             reached,
             slice_axes,

@@ -31,6 +31,7 @@
 //!   and the changes pending for its readers.
 //! - `render_thread`, `reach`: the picture, and the box that it shows.
 //! - `plane_viewer`, `brick_subset`: planes, and the copied bricks that they sample.
+//! - `plane_errors`: their standard errors.
 //! - `reader`: export of the volume while it grows.
 //! - `ended`: an ended session whose volume is still viewed.
 //! - `common`: state shared by all stages.
@@ -59,6 +60,7 @@ mod memory;
 mod page_faults;
 mod paired;
 mod pairing_thread;
+mod plane_errors;
 mod plane_viewer;
 mod posed_frames;
 mod priority;
@@ -91,6 +93,7 @@ pub use growing::{GrowingVolume, Inserted};
 pub use memory::MemoryByOwner;
 pub use page_faults::PageFaults;
 pub use paired::PairedFrame;
+pub use plane_errors::Readout;
 pub use plane_viewer::{Extent, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork};
 pub use posed_frames::PosedFrames;
 pub use priority::{SchedulingGrant, SchedulingPolicy};

@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use rustix::time::{ClockId, clock_gettime};
 
 use render::section::{Box3, Planar, Sampled, Section};
@@ -17,6 +18,7 @@ use volume::read::Values as _;
 
 use super::brick_subset::{BrickCopy, BrickSubset, Known, PlaneFootprint};
 use super::changes::Changes;
+use super::plane_errors::{PlaneErrors, Readout};
 use super::shared_volume::{FirstSlice, Shared, SharedVolume};
 use super::status::StatusCollector;
 
@@ -44,6 +46,12 @@ pub trait PlaneViewer: Send + Sync {
 
     /// Returns the requested planes, for a volume of this extent.
     fn requested(&self, extent: &Extent) -> Vec<PlaneRequest>;
+
+    /// Returns whether planes are shown with the standard errors of their voxels.
+    fn shows_errors(&self) -> bool;
+
+    /// Returns the place whose voxel is read out, world mm, in a volume of this extent.
+    fn readout_at(&self, extent: &Extent) -> DVec3;
 
     /// Receives a plane's present image.
     fn show_plane(&self, image: &PlaneImage<'_>);
@@ -85,6 +93,12 @@ pub struct PlaneImage<'a> {
     pub extent: Extent,
     /// Its pixels, row by row.
     pub sampled: &'a [Sampled],
+    /// Standard errors of the pixels as values, row by row; empty unless they are shown.
+    pub errors: &'a [Sampled],
+    /// Whether the volume keeps standard errors.
+    pub keeps_errors: bool,
+    /// The voxel at the place that is read out; `None` if it is unseen.
+    pub readout: Option<Readout>,
     /// Slices in the volume.
     pub slices: u64,
     /// Number of the last one's frame.
@@ -113,6 +127,7 @@ type Span = [[i64; 3]; 2];
 struct LastPlane {
     plane: PlaneRequest,
     sampled: Vec<Sampled>,
+    errors: Vec<Sampled>,
 }
 
 /// State of the thread: its knowledge of the volume.
@@ -124,6 +139,7 @@ struct Planes {
     span: Option<Span>,
     known: Known,
     subset: BrickSubset,
+    errors: PlaneErrors,
     shown: BTreeMap<usize, LastPlane>,
     /// The last reported reason why there is nothing to show.
     nothing: String,
@@ -144,6 +160,7 @@ pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer, status: Option<&Sta
         let (began, spent) = (Instant::now(), spent());
         if viewer.is_watched() {
             let planes = planes.get_or_insert_with(|| Planes { work, ..Planes::default() });
+            planes.errors.pose_mm(status);
             let ended = planes.turn(shared, viewer);
             work = planes.work;
             holds(planes.bytes());
@@ -207,8 +224,9 @@ fn read_state(shared: &Shared) -> VolumeState {
 impl Planes {
     /// Returns the memory of the copied bricks and of the planes, bytes.
     fn bytes(&self) -> u64 {
-        let sampled: usize = self.shown.values().map(|plane| size_of_val(&*plane.sampled)).sum();
-        self.subset.bytes() + sampled as u64
+        let sampled = |plane: &LastPlane| size_of_val(&*plane.sampled) + size_of_val(&*plane.errors);
+        let shown: usize = self.shown.values().map(sampled).sum();
+        self.subset.bytes() + self.errors.subset.bytes() + shown as u64
     }
 
     /// Shows the planes that are due; returns whether no slice follows.
@@ -217,7 +235,7 @@ impl Planes {
         let ended = state.ended;
         if let Err(why) = self.update(shared, viewer, state) {
             self.shown.clear();
-            self.subset.clear();
+            self.forget();
             if self.nothing != why {
                 viewer.nothing(&why);
                 self.nothing = why;
@@ -238,11 +256,16 @@ impl Planes {
             return Err("no voxel was seen yet; wait for the first slices".into());
         };
         let VolumeState { mut changes, .. } = state;
+        // Bricks are read again with their errors, or without.
+        let is_toggled = self.errors.toggle(viewer.shows_errors());
+        if is_toggled {
+            self.forget();
+        }
         match state.all {
             Some((bricks, span)) => {
                 self.known = bricks.into_iter().collect();
                 self.span = span;
-                self.subset.clear();
+                self.forget();
             }
             // The volume was replaced: all of it is requested.
             None if !is_known => {
@@ -255,6 +278,7 @@ impl Planes {
                 for brick in &changes.bricks {
                     self.known.insert(*brick);
                     self.subset.remove(*brick);
+                    self.errors.subset.remove(*brick);
                     self.span = Some(widened(self.span, brick.map(i64::from)));
                 }
             }
@@ -264,10 +288,12 @@ impl Planes {
         let requested = viewer.requested(&extent);
         let footprints: Vec<PlaneFootprint> =
             requested.iter().map(|plane| PlaneFootprint::new(&plane.section, &extent.place)).collect();
-        let moved: Vec<bool> = requested.iter().map(|plane| self.is_moved(plane) || changes.all).collect();
+        let moved: Vec<bool> =
+            requested.iter().map(|plane| self.is_moved(plane) || changes.all || is_toggled).collect();
         self.shown.retain(|number, _| requested.iter().any(|plane| plane.number == *number));
         if moved.contains(&true) {
             self.subset.keep(&footprints);
+            self.errors.subset.keep(&footprints);
         }
         let fresh = self.fresh(&changes, &footprints, &moved);
         if self.subset.len() + fresh.len() > MOST_BRICKS {
@@ -276,6 +302,7 @@ impl Planes {
             ));
         }
         self.read(shared, &first_slice, &fresh);
+        let (keeps_errors, readout) = self.errors.readout(shared, viewer.readout_at(&extent));
         self.nothing.clear();
         for ((plane, footprint), moved) in requested.into_iter().zip(footprints).zip(moved) {
             let hit: Vec<_> = match moved {
@@ -290,12 +317,15 @@ impl Planes {
             let is_other = if moved { self.sample(plane, &extent) } else { self.renew(plane, &extent, &hit) };
             if is_other {
                 self.work.shown += 1;
-                let Some(LastPlane { sampled, .. }) = self.shown.get(&plane.number) else { continue };
+                let Some(LastPlane { sampled, errors, .. }) = self.shown.get(&plane.number) else { continue };
                 let VolumeState { slices, item, captured_ns, .. } = state;
                 viewer.show_plane(&PlaneImage {
                     request: plane,
                     extent,
                     sampled,
+                    errors,
+                    keeps_errors,
+                    readout,
                     slices,
                     item,
                     captured_ns,
@@ -304,6 +334,12 @@ impl Planes {
             }
         }
         Ok(())
+    }
+
+    /// Forgets the copied bricks.
+    fn forget(&mut self) {
+        self.subset.clear();
+        self.errors.subset.clear();
     }
 
     /// Returns whether a plane has moved since it was shown.
@@ -325,7 +361,7 @@ impl Planes {
     /// Reads bricks in parts; insertion continues in between. Changes made meanwhile are
     /// reported by the next read.
     fn read(&mut self, shared: &Shared, first_slice: &FirstSlice, bricks: &[BrickIndex]) {
-        for part in bricks.chunks(PART) {
+        for part in bricks.chunks(self.errors.part(PART)) {
             let state = shared.lock();
             // The volume was replaced: the next read reports that all has changed.
             let Some(reconstructor) = state.inserter.reconstructor() else { return };
@@ -333,6 +369,7 @@ impl Planes {
             for brick in part {
                 self.subset.put(*brick, BrickCopy::of(&volume, *brick));
             }
+            self.errors.read(reconstructor, first_slice.lattice.offset, part);
             drop(state);
             self.work.bricks += part.len() as u64;
             // Threads that wait for the volume get it before it is locked again.
@@ -345,9 +382,12 @@ impl Planes {
         self.work.planes += 1;
         let planar = Planar { volume: &self.subset, place: extent.place, team: None };
         let (sampled, _) = planar.sample(&plane.section);
-        let before = self.shown.insert(plane.number, LastPlane { plane, sampled });
+        let errors = self.errors.sample(&plane.section, extent.place);
+        let before = self.shown.insert(plane.number, LastPlane { plane, sampled, errors });
         let now = self.shown.get(&plane.number);
-        before.zip(now).is_none_or(|(before, now)| before.plane != plane || before.sampled != now.sampled)
+        before.zip(now).is_none_or(|(before, now)| {
+            before.plane != plane || before.sampled != now.sampled || before.errors != now.errors
+        })
     }
 
     /// Samples the changed parts of a plane that has not moved; returns whether its image has
@@ -364,6 +404,7 @@ impl Planes {
         let planar = Planar { volume: &self.subset, place: extent.place, team: None };
         for pixels in hit {
             is_other |= planar.sample_again(&plane.section, *pixels, &mut shown.sampled);
+            is_other |= self.errors.sample_again(&plane.section, extent.place, *pixels, &mut shown.errors);
         }
         is_other
     }

@@ -175,6 +175,7 @@ impl Wiring<'_> {
         let prepared_bytes = devices.iter().map(|device| device.prepared_bytes()).sum();
         let status = status.with_memory(frame_bytes(devices), prepared_bytes);
         notes.into_iter().for_each(|note| status.note(note));
+        status.lock().pose_noise = session.pose_noise;
         let in_flight = InFlight::new(if is_live { FRAME_BYTES / frame_bytes(devices).max(1) } else { u64::MAX });
         let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
         let (recorder, writing) = match record {

@@ -33,7 +33,7 @@ use super::stuck::StuckDetector;
 use super::zones::{Guard, Watch};
 use crate::inserter::{Plan, VolumeInserter};
 use crate::smoothing::SmoothingStatus;
-use crate::{Observer, OffPlane, Outcome, PipelineError};
+use crate::{Observer, OffPlane, Outcome, PipelineError, PoseNoise};
 
 /// Settings for volume and picture.
 pub struct Session {
@@ -45,6 +45,8 @@ pub struct Session {
     pub longest_gap_ns: i64,
     /// Smoothing of the trackers' poses; `None` if they are interpolated.
     pub smoothing: Option<Smoothing>,
+    /// Noise of the tracker's poses; `None` if it is unknown, or there is none.
+    pub pose_noise: Option<PoseNoise>,
     /// Time of equal frames at changing poses after which the scanner counts as stuck, ns.
     pub stuck_after_ns: i64,
     /// The frame's data region.
@@ -129,6 +131,7 @@ impl Session {
             wait_ns,
             longest_gap_ns: PoseSource::new("", "").longest_gap_ns,
             smoothing: None,
+            pose_noise: None,
             stuck_after_ns: i64::MAX,
             mask,
             settings,

@@ -29,7 +29,7 @@ use super::timing::Spread;
 use super::turns::{StageTurns, Turns};
 use super::zones::InZones;
 use crate::smoothing::SmoothingStatus;
-use crate::{MaskOrigin, MaskStatus};
+use crate::{MaskOrigin, MaskStatus, PoseNoise};
 
 /// State of a device that is replaced by a recording.
 pub const REPLAYED: &str = "replayed";
@@ -117,6 +117,9 @@ pub struct SessionStatus {
     pub stuck_s: Option<f64>,
     /// Frames by the smoothing of their poses; `None` if they are interpolated.
     pub smoothing: Option<SmoothingStatus>,
+    /// Noise of the tracker's poses, if it is known.
+    #[serde(skip)]
+    pub pose_noise: Option<PoseNoise>,
     /// Frames taken where the tracker's field is distorted; `None` without zones.
     pub distortion: Option<InZones>,
     /// The volume's extent, once it has slices.
@@ -137,6 +140,17 @@ pub struct SessionStatus {
     pub world: String,
     /// Description of the transforms that lead to that frame.
     pub route: String,
+}
+
+impl SessionStatus {
+    /// Returns the root mean square error of places in the image by the noise of poses, mm: as
+    /// smoothing states it, else by the noise that is known. `None` if it is unknown, and before
+    /// the mask gives the image's size.
+    pub fn pose_error_mm(&self) -> Option<f64> {
+        let smoothed = self.smoothing.as_ref().filter(|smoothing| smoothing.smoothed > 0);
+        let known = || Some(self.pose_noise?.error_mm(self.mask.as_ref()?.size_px, &self.world));
+        smoothed.map(|smoothing| smoothing.error_rms_mm).or_else(known)
+    }
 }
 
 /// Status of a recording, while it is written and after it has ended.

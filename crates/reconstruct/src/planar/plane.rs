@@ -68,6 +68,14 @@ pub(super) struct SliceLine {
     pub(super) row_mm: f64,
 }
 
+impl SliceLine {
+    /// Returns the slice's normal along the lattice's axes.
+    pub(super) fn normal(&self, spacing_mm: DVec3) -> DVec3 {
+        let [_, x, y] = self.distance;
+        DVec3::new(x, y, 0.0) / spacing_mm
+    }
+}
+
 impl ScanPlane {
     /// Returns the plane of a slice, on a lattice whose direction is given or taken from the
     /// slice.

@@ -18,6 +18,7 @@ use super::table::{KernelTable, RowKernel};
 use crate::admission::Admission;
 use crate::decay::{DecayClock, LEAST_TOUCH};
 use crate::kernel::AxisKernel;
+use crate::normals::Normals;
 use crate::spline::SplineError;
 use crate::stream::SAME_PIXEL;
 use crate::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
@@ -76,6 +77,7 @@ pub struct PlanarReconstructor {
     pub(super) clock: DecayClock,
     plan: Plan,
     pub(super) work: Work,
+    pub(super) normals: Normals,
 }
 
 impl PlanarReconstructor {
@@ -111,6 +113,7 @@ impl PlanarReconstructor {
             clock,
             plan,
             work,
+            normals: Normals::NONE,
         })
     }
 
@@ -131,6 +134,7 @@ impl PlanarReconstructor {
             clock: self.clock,
             plan: Plan::default(),
             work: self.work,
+            normals: self.normals,
         })
     }
 
@@ -162,6 +166,11 @@ impl PlanarReconstructor {
     /// Pixel size along u and v in mm, once known.
     pub fn pixel_mm(&self) -> Option<[f64; 2]> {
         self.scan.as_ref().map(|s| [s.plane.column_mm(), s.rows.row_mm])
+    }
+
+    /// The directions of the slices inserted.
+    pub(crate) fn normals(&self) -> &Normals {
+        &self.normals
     }
 
     /// Work done so far.
@@ -268,6 +277,7 @@ impl PlanarReconstructor {
         let slab = decay.is_none().then(|| strip.prism(bands.first_z, bands.share.len())).flatten();
         let touched = Touched { slab, ..self.count(bands) };
         self.admission.entered(slice);
+        self.normals.add(slice_line.normal(self.settings.spacing_mm));
         self.clock = clock;
         (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
         Ok(touched)

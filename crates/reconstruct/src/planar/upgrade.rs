@@ -1,13 +1,14 @@
 //! Upgrade when a slice leaves the plane: the general path takes over the volume.
 
 use volume::brick::{EDGE, VOXELS, offset};
-use volume::brick_volume::{Epoch, Slot};
+use volume::brick_volume::Slot;
+use volume::memory::Epoch;
 use volume::{BrickVolume, Voxels};
 
 use super::PlanarReconstructor;
 use crate::compounding::Entry;
 use crate::decay::Fading;
-use crate::{Reconstructor, Refused, SettingsError};
+use crate::{Reconstructor, Refused};
 
 impl PlanarReconstructor {
     /// Returns a general reconstructor on the same lattice with the content of this one. The
@@ -17,7 +18,7 @@ impl PlanarReconstructor {
     /// # Errors
     /// [`Refused::Memory`] when the bricks, which take twice the bytes, exceed the limit.
     pub fn upgraded(&self) -> Result<Reconstructor, Refused> {
-        let entry = Entry::of(self.settings.compounding).map_err(SettingsError::from)?;
+        let entry = self.settings.entry()?;
         let mut bricks = BrickVolume::remembering(entry.memory());
         let count = self.volume.blocks().count();
         let (bytes, limit_bytes) = (count as u64 * bricks.brick_bytes(), self.settings.memory_bytes);
@@ -41,7 +42,7 @@ impl PlanarReconstructor {
             }
         }
         let (settings, mask, admission) = (self.settings.clone(), self.mask.clone(), self.admission.clone());
-        Ok(Reconstructor::taking_over(settings, mask, bricks, admission, self.clock, self.work)?)
+        Ok(Reconstructor::taking_over(settings, mask, bricks, admission, self.clock, (self.work, self.normals))?)
     }
 
     /// Gives a brick, whose first column is `first`, the times of its columns.

@@ -324,6 +324,21 @@ fn noise_of_moving_sensor_is_found_by_third_differences() {
             assert!((noise.lag_1 + 0.75).abs() < 0.03, "{noise:?}");
         }
     }
+    // Autoregressive noise shows less of itself, and a higher correlation.
+    for (coefficient, share, lag_1) in [(0.5, 0.62, -0.684), (0.9, 0.25, -0.659)] {
+        let mut draws = Draws::new(17);
+        let mut slow = DVec3::ZERO;
+        let all: Vec<PoseSample> = (0..20 * RATE)
+            .map(|n| {
+                slow = slow * coefficient + draws.normals() * libm::sqrt(1.0 - coefficient * coefficient);
+                let Rigid { rotation, position_mm } = noisy(hand.at(time_of(n)), 0.0, 0.1, &mut draws);
+                sample(time_of(n), Rigid { rotation, position_mm: position_mm + slow })
+            })
+            .collect();
+        let [position, _] = fast_noise(&all.iter().collect::<Vec<_>>()).unwrap();
+        assert!((position.variance.sqrt() - share).abs() < 0.05, "{coefficient}: {position:?}");
+        assert!((position.lag_1 - lag_1).abs() < 0.03, "{coefficient}: {position:?}");
+    }
     let one = sample(0, Rigid::IDENTITY);
     assert_eq!(fast_noise(&[&one; 18]), None);
 }

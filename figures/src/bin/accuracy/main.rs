@@ -10,13 +10,23 @@
 //! - [`tracker`]: errors of the simulated tracker.
 //! - [`poses`]: poses of the frames by interpolation and by smoothing.
 //! - [`smoothing`]: errors by the tracker's noise, with smoothing on and off.
+//! - [`intervals`]: intervals of voxels by their standard errors, and the truth.
+//! - [`kernels`]: errors by the kernel, with exact poses.
+//! - [`shadows`]: errors behind bone that some views see past.
+//! - [`recordings`]: errors by the kernel, on recordings.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
+mod intervals;
+mod kernels;
+#[path = "../../../../benches/reconstruct/loading.rs"]
+mod loading;
 mod poses;
+mod recordings;
 #[path = "../pareto/report.rs"]
 #[allow(dead_code, reason = "shared with the comparison of run times, which reports wrong answers itself")]
 mod report;
+mod shadows;
 mod smoothing;
 mod sweep;
 mod tracker;
@@ -29,11 +39,13 @@ use std::process::ExitCode;
 use serde_json::{Map, Value, json};
 
 use report::Report;
+use sweep::Sweep;
 
 fn main() -> ExitCode {
     let mut sweeps = 6;
     let figures = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut folder = figures.parent().unwrap_or(figures).join("out/accuracy");
+    let project = figures.parent().unwrap_or(figures);
+    let mut folder = project.join("out/accuracy");
     for argument in std::env::args().skip(1) {
         if argument != "--quick" {
             eprintln!("unknown argument {argument}; this takes --quick or nothing");
@@ -42,7 +54,7 @@ fn main() -> ExitCode {
         sweeps = 1;
         folder = folder.join("quick");
     }
-    match run(sweeps, &folder) {
+    match run(sweeps, project, &folder) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -52,11 +64,16 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(sweeps: u64, folder: &Path) -> Result<bool, Box<dyn Error>> {
+fn run(sweeps: u64, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error>> {
     fs::create_dir_all(folder)?;
     let (mut report, mut figures) = (Report::default(), Map::new());
-    smoothing::compare(sweeps, &mut report, &mut figures, folder)?;
+    let painted = (1..=sweeps).map(Sweep::new).collect::<Result<Vec<_>, _>>()?;
+    smoothing::compare(&painted, &mut report, &mut figures, folder)?;
+    intervals::compare(&painted, &mut report, &mut figures)?;
+    kernels::compare(sweeps, &mut report, &mut figures, folder)?;
+    shadows::compare(sweeps, &mut report, &mut figures)?;
     let quick = sweeps == 1;
+    recordings::compare(project, !quick, &mut report, &mut figures, folder)?;
     let run = json!({ "quick": quick, "figures": Value::Object(figures) });
     fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?;
     report.finish("Errors with corrections on and off", "", folder)

@@ -23,10 +23,13 @@ pub(crate) enum Method {
     Smoothed(Smoothing),
 }
 
-/// Poses of frames, and the number of those that were not smoothed though they should be.
+/// Poses of frames.
 pub(crate) struct Poses {
     pub(crate) world_from_image: Vec<Transform<World, Image>>,
+    /// Number of poses that were not smoothed though they should be.
     pub(crate) not_smoothed: usize,
+    /// Root mean square of the error that smoothing states for the image's corners, mm.
+    pub(crate) error_mm: f64,
 }
 
 impl Method {
@@ -38,7 +41,7 @@ impl Method {
         let smoothing = match self {
             Self::Exact => {
                 let world_from_image = sweep.frames.iter().map(|(_, slice)| slice.world_from_image).collect();
-                return Ok(Poses { world_from_image, not_smoothed: 0 });
+                return Ok(Poses { world_from_image, not_smoothed: 0, error_mm: 0.0 });
             }
             Self::Interpolated => None,
             Self::Smoothed(smoothing) => Some(smoothing),
@@ -51,7 +54,7 @@ impl Method {
             ..TimedOptions::default()
         })?;
         measured.iter().for_each(|sample| pairing.pose(0, sample.clone()));
-        let mut poses = Poses { world_from_image: Vec::new(), not_smoothed: 0 };
+        let mut poses = Poses { world_from_image: Vec::new(), not_smoothed: 0, error_mm: 0.0 };
         for (step, slice) in &sweep.frames {
             let size = [slice.image.width(), slice.image.height()];
             let time_ns = i64::from(*step) * STEP_NS;
@@ -59,8 +62,12 @@ impl Method {
                 .place(&FrameTime { time_ns, bound_ns: 0, flags: TimeFlags::NONE, size })
                 .map_err(|unplaced| unplaced.to_string())?;
             poses.world_from_image.push(placed.world_from_image);
-            poses.not_smoothed += usize::from(placed.smoothing.is_some_and(|effect| effect.not_smoothed.is_some()));
+            if let Some(effect) = placed.smoothing {
+                poses.not_smoothed += usize::from(effect.not_smoothed.is_some());
+                poses.error_mm += effect.error_mm.powi(2) / sweep.frames.len() as f64;
+            }
         }
+        poses.error_mm = poses.error_mm.sqrt();
         Ok(poses)
     }
 }

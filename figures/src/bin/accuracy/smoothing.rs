@@ -14,8 +14,8 @@ use crate::tracker::Noise;
 
 const MS: i64 = 1_000_000;
 /// One frame at 30 frames a second.
-const LIVE: Smoothing = Smoothing { half_width_ns: 300 * MS, ahead_ns: 33_333_334 };
-const OFFLINE: Smoothing = Smoothing { half_width_ns: 300 * MS, ahead_ns: 300 * MS };
+pub(crate) const LIVE: Smoothing = Smoothing { half_width_ns: 300 * MS, ahead_ns: 33_333_334 };
+pub(crate) const OFFLINE: Smoothing = Smoothing { half_width_ns: 300 * MS, ahead_ns: 300 * MS };
 const METHODS: [(&str, Method); 4] = [
     ("exact poses", Method::Exact),
     ("interpolated", Method::Interpolated),
@@ -38,7 +38,7 @@ struct Errors {
 /// # Errors
 /// If a phantom cannot be made, or a file cannot be written.
 pub(crate) fn compare(
-    sweeps: u64,
+    painted: &[Sweep],
     report: &mut Report,
     figures: &mut Map<String, Value>,
     folder: &Path,
@@ -49,10 +49,9 @@ pub(crate) fn compare(
         Noise { correlation: 0.9, ..Noise::white(0.3) },
     ];
     let kinds: Vec<Noise> = WHITE.into_iter().map(Noise::white).chain(others).collect();
-    let painted = (1..=sweeps).map(Sweep::new).collect::<Result<Vec<_>, _>>()?;
     let mut rows = Vec::new();
     for noise in &kinds {
-        let errors = METHODS.map(|(_, method)| errors(&painted, *noise, method));
+        let errors = METHODS.map(|(_, method)| errors(painted, *noise, method));
         let [exact, between, live, offline] = errors;
         let errors = [exact?, between?, live?, offline?];
         check(noise, &errors, report);

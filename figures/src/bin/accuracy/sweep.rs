@@ -12,7 +12,7 @@ use sonoweave_core::slice::Slice;
 use volume::Grid;
 
 /// 32×28 mm of pixels.
-const PICTURE: [u32; 2] = [160, 140];
+pub(crate) const PICTURE: [u32; 2] = [160, 140];
 const PIXEL_MM: f64 = 0.2;
 /// Mean distance of slices, mm: 10.5 mm/s at 30 frames a second.
 const GAP_MM: f64 = 0.35;
@@ -113,13 +113,42 @@ impl Sweep {
         self.scan.frames()
     }
 
-    /// Returns numerators and weights of the voxels, from the frames at these poses.
-    fn volume(&self, poses: &[Transform<World, Image>]) -> Result<Vec<[f32; 2]>, Box<dyn Error>> {
-        let settings = Settings { sigma_mm: [Some(SIGMA_MM); 3], ..Settings::new(DVec3::splat(SPACING_MM)) };
+    /// Returns the settings of the volume.
+    pub(crate) fn settings() -> Settings {
+        Settings { sigma_mm: [Some(SIGMA_MM); 3], ..Settings::new(DVec3::splat(SPACING_MM)) }
+    }
+
+    /// Inserts the frames at these poses.
+    ///
+    /// # Errors
+    /// If a slice is refused.
+    pub(crate) fn reconstructed(
+        &self,
+        settings: Settings,
+        poses: &[Transform<World, Image>],
+    ) -> Result<PathReconstructor, Box<dyn Error>> {
         let mut volume = PathReconstructor::general(settings, self.scan.mask().clone())?;
         for ((_, slice), pose) in self.frames.iter().zip(poses) {
             volume.insert(&Slice { world_from_image: *pose, ..slice.clone() })?;
         }
+        Ok(volume)
+    }
+
+    /// Iterates over the voxels inside the slices: lattice index, and the scene's grey level.
+    pub(crate) fn inside(&self) -> impl Iterator<Item = ([i64; 3], f32)> {
+        let Truth { grid: Grid { origin, size, .. }, grey, inside } = &self.truth;
+        let first = (*origin / SPACING_MM).round().to_array().map(|x| x as i64);
+        let [nx, ny, _] = *size;
+        let voxels = (0_u64..).zip(grey.iter().zip(inside)).filter(|(_, (_, inside))| **inside);
+        voxels.map(move |(i, (grey, _))| {
+            let index = [i % nx, i / nx % ny, i / nx / ny];
+            ([0, 1, 2].map(|a| first[a] + index[a] as i64), *grey)
+        })
+    }
+
+    /// Returns numerators and weights of the voxels, from the frames at these poses.
+    fn volume(&self, poses: &[Transform<World, Image>]) -> Result<Vec<[f32; 2]>, Box<dyn Error>> {
+        let volume = self.reconstructed(Self::settings(), poses)?;
         let Grid { origin, size, .. } = self.truth.grid;
         let [nx, ny, nz] = size;
         let first = (origin / SPACING_MM).round().to_array().map(|x| x as i64);

@@ -37,7 +37,7 @@ impl Noise {
 
     /// Measures a sweep.
     pub(crate) fn measured(&self, sweep: &Sweep, seed: u64) -> Vec<PoseSample> {
-        let mut draws = Draws(ChaCha8Rng::seed_from_u64(seed));
+        let mut draws = Draws::new(seed);
         let (mut shift, mut turn) = (draws.vector(), draws.vector());
         let measured = (0..sweep.steps()).step_by(2).map(|step| {
             let fresh = (1.0 - self.correlation * self.correlation).sqrt();
@@ -58,11 +58,16 @@ impl Noise {
 }
 
 /// Random numbers with the same bits on every machine.
-struct Draws(ChaCha8Rng);
+pub(crate) struct Draws(ChaCha8Rng);
 
 impl Draws {
+    /// Begins the series of a seed.
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
     /// Uniform in (0, 1].
-    fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         ((self.0.next_u64() >> 11) + 1) as f64 / (1_u64 << 53) as f64
     }
 

@@ -7,6 +7,7 @@ use std::path::Path as Folder;
 
 use glam::DVec3;
 use sonoweave_figures::files::field;
+use sonoweave_figures::gaps::widest_gap;
 use sonoweave_figures::{Figure, Panel};
 
 use mask::Mask;
@@ -16,7 +17,7 @@ use sonoweave_core::slice::{Pixels, Slice};
 use volume::Grid;
 
 use crate::baselines::Drop;
-use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels, on_lattice, widest_gap};
+use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, corrected, default_kernels, on_lattice};
 use crate::figures::Figures;
 use crate::loading;
 use crate::pictures::{axis, by_family, range};
@@ -65,6 +66,7 @@ fn contestants() -> Vec<Contestant> {
     let mut list = vec![default];
     list.extend([0.1, 0.001].map(|energy| kernel(Method::default(), Some(energy))));
     list.extend(Method::ALL.map(|method| kernel(method, None)).into_iter().filter(|c| !c.same(&default)));
+    list.extend(corrected().map(|path| Contestant::new(path, DEFAULT_VOXEL_MM)));
     list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), DEFAULT_VOXEL_MM)));
     list
 }
@@ -152,7 +154,7 @@ pub(crate) fn measure(
             id: "left-out",
             title: "Recordings: slices predicted from the others".into(),
             caption: "Root mean square difference between the pixels of slices left out and the volume reconstructed from the others, over the pixels that all predict. \
-                      Kernels have the default's effective width; what follows pixels has it across the plane only. The errors' axis does not begin at zero: what a slice \
+                      Kernels have the default's effective width; what follows pixels, and the fourth order, have it across the plane only. The errors' axis does not begin at zero: what a slice \
                       shows that its neighbours do not is in all of them alike."
                 .into(),
             columns: 2,

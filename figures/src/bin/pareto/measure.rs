@@ -9,11 +9,12 @@ use phantom::Errors;
 use reconstruct::Work;
 use reconstruct::kernel::Method;
 use reconstruct::planar::reference;
+use sonoweave_figures::gaps::widest_gap;
 use volume::Grid;
 
 use crate::baselines::{Drop, Splat, plain};
 use crate::check::{Deviation, against_equations, against_sums};
-use crate::contestant::{Contestant, Input, Path, Reconstructed, default_kernels, on_lattice, widest_gap};
+use crate::contestant::{Contestant, Input, Path, Reconstructed, default_kernels, on_lattice};
 use crate::field::Field;
 use crate::limits;
 use crate::report::Report;

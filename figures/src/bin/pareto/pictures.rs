@@ -26,7 +26,7 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
             "error-against-truth",
             "Run time against error: what a reader of the volume gets",
             "RMSE against the scene itself, inside the sweep, read between voxels. Every kernel has the default's effective width, but those that follow the \
-             pixels have it across the plane only, and what drops pixels into voxels has the voxels'. Where the scene is finer than the kernel, blur is most of the \
+             pixels, and the fourth order, have it across the plane only, and what drops pixels into voxels has the voxels'. Where the scene is finer than the kernel, blur is most of the \
              error and all of one width are alike; where it is smooth, noise is, and whoever averages less is above.",
         ),
         (
@@ -70,23 +70,27 @@ fn family(contestant: &Contestant) -> (&'static str, SeriesStyle, Ink) {
         _ if contestant.is_default() => ("default configuration", SeriesStyle::Triangles, Ink::Black),
         Path::Kernel(Method::Gaussian, _) => ("gaussian less pedestal", SeriesStyle::Discs, Ink::Blue),
         Path::Kernel(Method::GaussianTruncated, _) => ("gaussian, cut", SeriesStyle::Discs, Ink::Sky),
+        Path::Kernel(Method::Gaussian4, _) => ("gaussian of fourth order", SeriesStyle::Discs, Ink::Vermilion),
         Path::Kernel(Method::BSpline3, _) => ("B-spline", SeriesStyle::Squares, Ink::Green),
         Path::Kernel(Method::Linear, _) => ("linear in plane", SeriesStyle::Squares, Ink::Purple),
         Path::Kernel(Method::Nearest, _) => ("nearest pixel", SeriesStyle::Triangles, Ink::Orange),
+        Path::FirstMoment(_) => ("first moment corrected", SeriesStyle::Discs, Ink::Green),
         Path::AutoSigma => ("default, auto σ", SeriesStyle::Squares, Ink::Black),
         Path::Splat(_) => ("pixels dropped into voxels, holes filled", SeriesStyle::Crosses, Ink::Vermilion),
         Path::BruteForce => ("brute force, f64", SeriesStyle::Crosses, Ink::Grey),
     }
 }
 
-const ORDER: [&str; 9] = [
+const ORDER: [&str; 11] = [
     "brute force, f64",
     "pixels dropped into voxels, holes filled",
     "nearest pixel",
     "linear in plane",
     "B-spline",
     "gaussian, cut",
+    "gaussian of fourth order",
     "gaussian less pedestal",
+    "first moment corrected",
     "default, auto σ",
     "default configuration",
 ];
@@ -281,8 +285,8 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
         title: "Run time against error, over all phantoms".into(),
         caption: format!(
             "Each mark is a configuration: medians over {} scans of its time and of its error as multiples of the default’s on the same scan. On the left and in \
-             the middle all have the default’s effective width. On the right also those that have another: what follows pixels, what drops them into voxels, and \
-             σ chosen for the scan’s own gaps; on these sharp phantoms a narrower kernel is nearer to the truth, as long as noise and gaps allow it.",
+             the middle all have the default’s effective width. On the right also those that have another: what follows pixels, what drops them into voxels, the \
+             fourth order, which has none, and σ chosen for the scan’s own gaps; on these sharp phantoms a narrower kernel is nearer to the truth, as long as noise and gaps allow it.",
             scans.len()
         ),
         columns: 3,

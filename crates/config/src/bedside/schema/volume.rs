@@ -66,6 +66,13 @@ pub(crate) struct Volume {
     /// Time before the fading begins; default: 2
     #[schemars(range(min = 0, max = 1e6))]
     pub(crate) decay_wait_s: Option<f64>,
+    /// Whether slices are weighted by the gaps beside them, each when the next one comes; needs the
+    /// general path
+    pub(crate) gap_weights: bool,
+    /// Whether pixels in the shadow of bone or gas count little; needs the general path
+    pub(crate) shadow_weights: bool,
+    /// Whether the standard error of each voxel is known; needs the general path
+    pub(crate) standard_error: bool,
     /// Number of threads that insert slices; any number gives the same volume; default: one a core
     #[schemars(range(min = 1, max = 1024))]
     pub(crate) threads: Option<u32>,
