@@ -193,23 +193,29 @@ impl Set {
         (devices, record)
     }
 
-    /// Records its devices until they have ended. Returns every received sample with its
-    /// device's index, and the status.
-    pub(crate) fn record_only(self) -> (Vec<(usize, Live)>, SessionStatus) {
+    /// Records its devices until they have ended, or `ends` returns true, which sets `told`.
+    /// Returns every received sample with its device's index, and the status.
+    pub(crate) fn record_only(
+        self,
+        told: &AtomicBool,
+        mut ends: impl FnMut(&SessionStatus) -> bool,
+    ) -> (Vec<(usize, Live)>, SessionStatus) {
         let mut received = Vec::new();
-        let (told, began) = (AtomicBool::new(false), Instant::now());
+        let began = Instant::now();
         let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
         let (devices, record) = self.devices();
         let gathered =
-            record_only(devices, record, &SchedulingPolicy::default(), mask, &Monotonic, &told, |what| match what {
+            record_only(devices, record, &SchedulingPolicy::default(), mask, &Monotonic, told, |what| match what {
                 RecordEvent::Sample(device, live) => received.push((device, live)),
                 RecordEvent::Turn(status) => {
                     adds_up(status);
                     assert!(began.elapsed() < PATIENCE, "{status:?}");
+                    told.fetch_or(ends(status), Ordering::Relaxed);
                 }
             });
         let (_, status) = gathered.unwrap();
         adds_up(&status);
+        assert_eq!(status.ledger.frames.waiting, 0, "all frames are decided upon: {}", status.ledger);
         (received, status)
     }
 }

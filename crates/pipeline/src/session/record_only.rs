@@ -87,7 +87,8 @@ pub fn record_only(
         let captures = capturing(scope, devices, &names, policy, common, ends, sequencer);
         let mut turned = Instant::now();
         loop {
-            let ended = ends.load(Ordering::Relaxed) || captures.iter().all(|capture| capture.is_finished());
+            // A device that is told to end may still give a reading.
+            let ended = captures.iter().all(|capture| capture.is_finished());
             match delivered.recv_timeout(TURN) {
                 Ok(delivery) => {
                     let source = delivery.source;
@@ -108,7 +109,6 @@ pub fn record_only(
                 handle(RecordEvent::Turn(&status));
             }
         }
-        ends.store(true, Ordering::Relaxed);
         captured(captures, &names, status);
         sequencer.close();
         common.recorder.close();
