@@ -4,11 +4,12 @@
 //! which callers name. Other errors cross the crate's boundary in three places: files are refused
 //! by [`FileError`](sonoweave_core::keys::FileError) with their lines, the choice of a preset by
 //! [`PresetError`], whose names callers list, and [`least_squares`](mod@crate::least_squares)
-//! alone returns its own [`Unsolved`]. [`Spline`](crate::latency::spline::Spline) and
+//! alone returns its own [`Unsolved`]. [`Spline`](crate::trajectory::spline::Spline) and
 //! [`align`](crate::latency::align::align), for other computations, return [`LatencyError`].
 
 mod arm;
 mod covariance;
+mod crossings;
 mod geometry;
 mod latency;
 mod preset;
@@ -18,6 +19,7 @@ mod tracker;
 
 pub use arm::ArmError;
 pub use covariance::CovarianceError;
+pub use crossings::{CrossingsError, Motion, Sides};
 pub use geometry::GeometryError;
 pub use latency::LatencyError;
 pub use preset::PresetError;
@@ -36,6 +38,9 @@ pub enum CalibrationError {
     /// An image plane's covariance.
     #[error(transparent)]
     Covariance(#[from] CovarianceError),
+    /// A check by crossing slices.
+    #[error(transparent)]
+    Crossings(#[from] CrossingsError),
     /// A phantom's wires, landmarks or registration.
     #[error(transparent)]
     Geometry(#[from] GeometryError),

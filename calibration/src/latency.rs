@@ -5,13 +5,11 @@
 //! that the tracker has stamped t + lag.
 //!
 //! - [`line`](mod@line): detects the floor of a water tank in a frame, as a straight line.
-//! - [`spline`]: interpolates numbers between samples at uneven times.
 //! - [`motion`]: the numbers of a tracker's poses that the line depends on.
 //! - [`align`](mod@align): the lag at which the line follows the tracker best, with its
 //!   standard error.
 //! - [`stamps`]: times of measurements, by one of their stamps.
 //! - [`floor`]: combines these, from lines and poses to the lag.
-//! - [`pose_spline`]: the probe's pose at any time.
 //! - [`crossings`]: the lag at which slices of any scan agree best along their intersections.
 
 #![cfg_attr(test, allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture"))]
@@ -23,7 +21,5 @@ pub mod floor;
 pub mod line;
 mod long_run;
 pub mod motion;
-pub mod pose_spline;
 mod robust;
-pub mod spline;
 pub mod stamps;

@@ -1,4 +1,4 @@
-//! Statistics of spread.
+//! Statistics of spread, and of correlated numbers.
 
 use serde::Serialize;
 
@@ -52,6 +52,16 @@ pub fn median(values: &mut [f64]) -> f64 {
     0.5 * (below + at)
 }
 
+/// Factor from the median distance to the standard deviation of a normal distribution.
+const NORMAL: f64 = 1.482_602_218_505_602;
+
+/// Returns the standard deviation about 0 of normally distributed values with a few outliers.
+/// Replaces the values by their distances.
+pub fn deviation_about_zero(values: &mut [f64]) -> f64 {
+    values.iter_mut().for_each(|x| *x = x.abs());
+    NORMAL * median(values)
+}
+
 /// Returns the number of values after which the next one is independent: 1 + 2·Σ of the
 /// autocorrelation, up to the first value that chance explains (Sokal, *Monte Carlo Methods in
 /// Statistical Mechanics*, 1989). The mean of n such values is as accurate as that of n over
@@ -87,6 +97,11 @@ mod tests {
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
         assert_eq!(median(&mut []), 0.0);
+    }
+
+    #[test]
+    fn outlier_does_not_move_deviation() {
+        assert!((deviation_about_zero(&mut [-1.0, 1.0, 0.5, -0.5, 1e9]) - NORMAL).abs() < 1e-12);
     }
 
     /// An autoregressive series with factor a has (1 + a)/(1 − a).

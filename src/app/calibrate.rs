@@ -2,6 +2,7 @@
 //! computation of results.
 
 pub(crate) mod arm;
+pub(crate) mod crossings;
 pub mod guide;
 pub(crate) mod landmarks;
 pub(crate) mod latency;
@@ -10,5 +11,6 @@ pub(crate) mod pivot;
 pub mod poses;
 pub(crate) mod probe;
 mod recorded;
+mod slices;
 mod tip;
 pub(crate) mod tracker;

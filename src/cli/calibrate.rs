@@ -2,6 +2,7 @@
 
 mod advice;
 pub mod arm;
+pub mod crossings;
 mod done;
 pub mod drawing;
 pub(crate) mod keywords;
@@ -29,6 +30,8 @@ enum What {
     Probe(Box<probe::Arguments>),
     /// Find the latency of the tracker's poses relative to the video frames
     Latency(Box<latency::Arguments>),
+    /// Check a probe's calibration by slices that cross, and correct it without a phantom
+    Crossings(Box<crossings::Arguments>),
     /// Find the tip of a stylus that is swung while its tip rests in one place
     Pivot(Box<pivot::Arguments>),
     /// Find an arm's link lengths and encoder zeros from touches, or check that they still hold
@@ -51,6 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.what {
         What::Probe(arguments) => by_flags(&**arguments),
         What::Latency(arguments) => by_flags(&**arguments),
+        What::Crossings(arguments) => by_flags(&**arguments),
         What::Pivot(arguments) => by_flags(&**arguments),
         What::Arm(arguments) => by_flags(&**arguments),
         What::Landmarks(arguments) => by_flags(&**arguments),

@@ -181,11 +181,11 @@ fn missing_prerequisite_is_named_before_recording() {
         ),
         (
             "latency --live uncalibrated.toml --method crossings",
-            ["--method crossings needs the image's position", "ImageToProbe"],
+            ["crossing slices need the image's position", "ImageToProbe"],
         ),
         (
             "latency --live bedside.toml --method crossings --config empty.toml",
-            ["--method crossings needs the image's position", "--config"],
+            ["crossing slices need the image's position", "--config"],
         ),
         ("latency --live bedside.toml --config nowhere.toml", ["nowhere.toml: ", "No such file"]),
         ("latency --live absent.toml", ["names probe.toml, but", "No such file"]),

@@ -63,8 +63,18 @@ const SCENES: [&str; 12] = [
     "pulsating",
 ];
 
-const TRAJECTORIES: [&str; 9] =
-    ["parallel", "jittered", "fan", "rotation", "arm", "freehand", "crossing", "dwell", "out-and-back"];
+const TRAJECTORIES: [&str; 10] = [
+    "parallel",
+    "jittered",
+    "fan",
+    "rotation",
+    "arm",
+    "freehand",
+    "crossing",
+    "three-directions",
+    "dwell",
+    "out-and-back",
+];
 
 #[test]
 fn every_scene_and_trajectory_is_simulated() {

@@ -12,10 +12,10 @@
 //! Parzen's window of Andrews' width (Econometrica 59, 1991), corrected for leverage.
 
 use super::long_run::variance_of_sum;
-use super::robust::{Biweight, deviation_about_zero};
-use super::spline::Spline;
+use super::robust::Biweight;
 use crate::error::LatencyError;
-use crate::statistics::median;
+use crate::statistics::{deviation_about_zero, median};
+use crate::trajectory::spline::Spline;
 
 /// A frame's value and time.
 #[derive(Debug, Clone, Copy, PartialEq)]

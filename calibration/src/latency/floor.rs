@@ -6,10 +6,11 @@ use serde::Serialize;
 
 use super::align::{AlignOptions, Alignment, LEAST_FRAMES, TimedValue, align};
 use super::line::{Line, NoLine};
-use super::motion::{Motion, PoseSample};
+use super::motion::Motion;
 use super::stamps::{Reading, Stamps, wander};
 use crate::error::{CalibrationError, LatencyError};
 use crate::statistics::median;
+use crate::trajectory::PoseSample;
 
 /// A frame's line, and its times.
 #[derive(Debug, Clone, Copy, PartialEq)]

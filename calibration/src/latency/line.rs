@@ -13,9 +13,9 @@
 
 use glam::DVec2;
 
-use super::robust::{Biweight, deviation_about_zero};
+use super::robust::Biweight;
 use crate::picture::GreyView;
-use crate::statistics::median;
+use crate::statistics::{deviation_about_zero, median};
 
 /// The static part of the frames: the darkest value of each pixel.
 #[derive(Debug, Clone, PartialEq, Eq)]

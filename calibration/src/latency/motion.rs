@@ -6,32 +6,19 @@
 //! n. So six numbers of the pose fit the line's distance from an image point: its position
 //! along and across that direction, and that row.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 
-use super::spline::Spline;
 use crate::error::{CalibrationError, LatencyError};
+use crate::trajectory::spline::Spline;
+use crate::trajectory::{LONGEST_GAP_S, PoseSample};
 
 /// Count of a pose's numbers that are fitted to the line's position.
 pub const COLUMNS: usize = 9;
 /// Lever arm that scales rotations to lengths, mm: about the distance of the image from the
 /// sensor.
 const LEVER_MM: f64 = 100.0;
-/// Longest interval for interpolating between poses, s. At twice this, hand motions at 5 Hz
-/// are lost.
-pub const LONGEST_GAP_S: f64 = 0.1;
 /// A turn of the motion counts if it goes back by this share of the extent.
 const TURN: f64 = 0.25;
-
-/// A pose of the probe's sensor in the tracker's frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseSample {
-    /// Time by the tracker's stamp, s.
-    pub time_s: f64,
-    /// Unit quaternion.
-    pub rotation: DQuat,
-    /// mm.
-    pub position_mm: DVec3,
-}
 
 /// A tracker's motion during a time.
 #[derive(Debug, Clone)]
@@ -146,6 +133,8 @@ fn principal_axes(symmetric: DMat3) -> DMat3 {
 
 #[cfg(test)]
 mod tests {
+    use glam::DQuat;
+
     use super::*;
     use crate::tests::noise::Noise as Random;
 

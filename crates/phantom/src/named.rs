@@ -75,6 +75,8 @@ pub enum TrajectoryName {
     Unsteady,
     /// Two parallel sweeps that cross at a right angle, half of the frames each
     Crossing,
+    /// Three sweeps of an unsteady hand: upright, turned by 90°, and tilted by 30°
+    ThreeDirections,
     /// A parallel sweep with a pause in its middle: see --dwell
     Dwell,
     /// A parallel sweep and the same way back
@@ -283,6 +285,7 @@ impl TrajectoryName {
             Self::Arm => Motion::Arm,
             Self::Crossing => Motion::Crossing,
             Self::Dwell => Motion::Dwell { frames: dwell },
+            Self::ThreeDirections => Motion::ThreeDirections,
             Self::OutAndBack => Motion::OutAndBack,
             Self::About => {
                 let landmarks = scene.landmarks();

@@ -65,6 +65,10 @@ pub enum Motion {
     /// Two parallel sweeps through the same place, the first along world z, the second along
     /// world x with u along −z. Each has half of the frames, the first one the odd frame.
     Crossing,
+    /// Three unsteady sweeps through the same place: upright, turned by 90° about v, and tilted by
+    /// 30° about u. Each has a third of the frames. Where they cross, they determine a probe's
+    /// calibration.
+    ThreeDirections,
     /// A parallel sweep that pauses in its middle for the given number of frames.
     Dwell {
         /// Frames of the pause, besides the one that arrives there.
@@ -142,6 +146,18 @@ impl Trajectory {
                 let turned = |pose: DAffine3| DAffine3 { matrix3: across, translation: across * pose.translation };
                 poses.extend(parallel(second, gap_mm).into_iter().map(turned));
                 poses
+            }
+            Motion::ThreeDirections => {
+                let across = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
+                let [sine, cosine] = [0.5, 0.75_f64.sqrt()];
+                let tilted = DMat3::from_cols(DVec3::X, DVec3::new(0.0, cosine, sine), DVec3::new(0.0, -sine, cosine));
+                let sweep = |(number, turn): (u32, DMat3)| {
+                    let count = (frames + number) / 3;
+                    let seed = seed.wrapping_add(u64::from(number));
+                    let sweep = if count > 0 { hand::unsteady(count, gap_mm, seed) } else { Vec::new() };
+                    sweep.into_iter().map(move |pose| DAffine3::from_mat3(turn) * pose)
+                };
+                [(2, DMat3::IDENTITY), (1, across), (0, tilted)].into_iter().flat_map(sweep).collect()
             }
             Motion::Dwell { frames: dwell } => {
                 if dwell >= frames {
@@ -259,6 +275,7 @@ mod tests {
         let others = [
             Motion::Rotation { radius_mm: 20.0 },
             Motion::Crossing,
+            Motion::ThreeDirections,
             Motion::Dwell { frames: 30 },
             Motion::OutAndBack,
             Motion::About { point: DVec3::ONE },
@@ -428,6 +445,24 @@ mod tests {
                 assert_eq!(pose.matrix3.z_axis, DVec3::X);
                 let x = (k as f64 - 0.5 * (second.len() as f64 - 1.0)) * 0.5;
                 assert_eq!(pose.translation, DVec3::new(x, 0.0, 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn three_sweeps_have_three_directions() {
+        for frames in [1, 2, 60, 61, 62] {
+            let poses = all(Motion::ThreeDirections, frames, 0.5, 4);
+            assert_eq!(poses.len(), frames as usize);
+            if frames < 60 {
+                continue;
+            }
+            let third = frames as usize / 3;
+            let middles = [0.5, 1.5, 2.5].map(|sweep| poses[(sweep * third as f64) as usize].matrix3.z_axis);
+            for (a, b, degrees) in [(0, 1, 90.0), (0, 2, 30.0), (1, 2, 90.0)] {
+                let angle = middles[a].dot(middles[b]).acos().to_degrees();
+                // The hand's own tilts.
+                assert!((angle - degrees).abs() < 15.0, "{a} {b}: {angle}");
             }
         }
     }

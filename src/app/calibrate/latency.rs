@@ -8,24 +8,21 @@ use std::path::{Path, PathBuf};
 
 use calibration::error::{CalibrationError, LatencyError};
 use calibration::latency::align::AlignOptions;
-use calibration::latency::crossings::{Agreement, Slices};
+use calibration::latency::crossings::Agreement;
 use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, floor_lag};
 use calibration::latency::line::{Finder, Still};
-use calibration::latency::pose_spline::PoseSpline;
 use config::Settings;
 use config::bedside::pixel_mm;
 
 use super::guide::Advisor;
 use super::outputs::Outputs;
-use super::recorded::{Recorded, data};
+use super::recorded::Recorded;
+use super::slices::{sizes, slices};
 use crate::failure::{Failure, Reason};
 use options::Method;
 pub(crate) use options::Options;
 pub(crate) use source::Source;
-use source::probe_from_image;
-
-/// Largest number of slices held at once. Pairs of more take longer than they are worth.
-const MOST_SLICES: u64 = 1000;
+pub(super) use source::{Poses, probe_from_image};
 
 /// Result of the method used.
 pub(crate) enum Found {
@@ -165,53 +162,9 @@ impl Options {
         calibration: &Settings,
         notes: &mut Vec<String>,
     ) -> Result<Agreement, Failure> {
-        let (samples, probe_from_image) = source.placed(calibration)?;
-        let poses = PoseSpline::new(&samples)?;
-        // Finds the pixels that change at all, and counts the video frames.
-        let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
-        let mut count = 0_u64;
-        let unfit = source.pictures(|image, _| {
-            count += 1;
-            match &mut ends {
-                None => ends = Some((image.pixels.iter().map(|x| [*x; 2]).collect(), image.size)),
-                Some((_, size)) if *size != image.size => return Err(sizes(source)),
-                Some((ends, _)) => {
-                    ends.iter_mut()
-                        .zip(image.pixels)
-                        .for_each(|([low, high], x)| (*low, *high) = ((*low).min(*x), (*high).max(*x)));
-                }
-            }
-            Ok(())
-        })?;
-        *notes = unfit.notes();
-        let Some((ends, [width, height])) = ends else {
-            fail!("{}: holds no usable frame; record it again", source.paths()[0].display());
-        };
-        let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
-        let is_data: Vec<bool> = (0..height)
-            .flat_map(|v| (0..width).map(move |u| (u, v)))
-            .zip(&ends)
-            .map(|((u, v), [low, high])| match &mask {
-                Some(mask) => mask.contains(u, v),
-                None => low < high,
-            })
-            .collect();
-        let mut slices = Slices::new(width, height, &is_data, probe_from_image, poses);
-        let every = count.div_ceil(MOST_SLICES).max(1);
-        let mut at = 0_u64;
-        source.pictures(|image, stamps| {
-            if at.is_multiple_of(every) {
-                slices.push(stamps.given_s, image.pixels, width, height);
-            }
-            at += 1;
-            Ok(())
-        })?;
+        let slices = slices(source, calibration, Poses::OfImages, 0.0, notes)?;
         slices.lag(self.range_s()).map_err(|why| Failure::new(format!("no lag: {why}")))
     }
-}
-
-fn sizes(source: &Source) -> Failure {
-    Failure::new(format!("{}: its frames have several sizes; record frames of one size", source.paths()[0].display()))
 }
 
 fn refusal(why: CalibrationError) -> Failure {

@@ -104,6 +104,11 @@ impl Outputs {
         Ok(there.map(|path| CalibrationFile::read(path)).transpose()?.unwrap_or_default())
     }
 
+    /// Returns the calibration file to be written, if there is one.
+    pub(crate) fn file(&self) -> Option<&Path> {
+        self.output.as_deref()
+    }
+
     /// Whether there is a calibration file to be written.
     pub(crate) fn wants_file(&self) -> bool {
         self.output.is_some()
@@ -125,10 +130,11 @@ impl Outputs {
         self.write_changed(change, report)
     }
 
-    /// Writes a probe's calibration, the latencies if there are any, and the report. Returns the
-    /// latter, as a JSON document.
+    /// Writes a probe's calibration, the latencies if there are any, and the report. A new file
+    /// begins with the contents `kept`. Returns the report, as a JSON document.
     pub(crate) fn write_probe(
         &self,
+        kept: Option<CalibrationFile>,
         result: ProbeResult,
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
@@ -136,6 +142,9 @@ impl Outputs {
         let ProbeResult { probe_from_image, provenance, record, preset, latency } = result;
         let named = StaticTransform::image_to_probe(&probe_from_image);
         let change = |file: &mut CalibrationFile| {
+            if let Some(kept) = kept {
+                *file = kept;
+            }
             if latency.is_some() {
                 file.latency = latency;
                 originates(file, "latency", &provenance);

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::done::{Calibrate, Outlets};
-use super::{arm, landmarks, latency, pivot, probe, tracker};
+use super::{arm, crossings, landmarks, latency, pivot, probe, tracker};
 use crate::app::calibrate::guide::{Advice, Advisor};
 use crate::app::input;
 use crate::cli::keywords::{Keyword, parse};
@@ -32,6 +32,7 @@ pub(crate) fn by_keywords(quantity: &str, keywords: Vec<Keyword>) -> Result<Stri
     match quantity {
         "probe" => of::<probe::Arguments>(quantity, keywords),
         "latency" => of::<latency::Arguments>(quantity, keywords),
+        "crossings" => of::<crossings::Arguments>(quantity, keywords),
         "pivot" => of::<pivot::Arguments>(quantity, keywords),
         "landmarks" => of::<landmarks::Arguments>(quantity, keywords),
         "tracker" => of::<tracker::Arguments>(quantity, keywords),

@@ -13,10 +13,12 @@
 //! - [`intervals`]: intervals of voxels by their standard errors, and the truth.
 //! - [`kernels`]: errors by the kernel, with exact poses.
 //! - [`shadows`]: errors behind bone that some views see past.
+//! - [`crossings`]: calibrations by crossing sweeps, and alarms of slipped sensors.
 //! - [`recordings`]: errors by the kernel, on recordings.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
+mod crossings;
 mod intervals;
 mod kernels;
 #[path = "../../../../benches/reconstruct/loading.rs"]
@@ -73,6 +75,7 @@ fn run(sweeps: u64, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error
     kernels::compare(sweeps, &mut report, &mut figures, folder)?;
     shadows::compare(sweeps, &mut report, &mut figures)?;
     let quick = sweeps == 1;
+    crossings::compare(sweeps, &mut report, &mut figures)?;
     recordings::compare(project, !quick, &mut report, &mut figures, folder)?;
     let run = json!({ "quick": quick, "figures": Value::Object(figures) });
     fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?;

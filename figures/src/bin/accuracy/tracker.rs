@@ -72,11 +72,16 @@ impl Draws {
     }
 
     /// Standard normal along each axis, by Box and Muller.
-    fn vector(&mut self) -> DVec3 {
+    pub(crate) fn vector(&mut self) -> DVec3 {
         let mut normal = || {
             let radius = libm::sqrt(-2.0 * libm::log(self.unit()));
             radius * libm::cos(std::f64::consts::TAU * self.unit())
         };
         DVec3::new(normal(), normal(), normal())
+    }
+
+    /// Direction, uniform over the sphere.
+    pub(crate) fn direction(&mut self) -> DVec3 {
+        self.vector().normalize()
     }
 }

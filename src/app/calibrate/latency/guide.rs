@@ -5,7 +5,8 @@
 
 use std::path::{Path, PathBuf};
 
-use calibration::latency::motion::{Motion, PoseSample};
+use calibration::latency::motion::Motion;
+use calibration::trajectory::PoseSample;
 use config::Settings;
 use config::bedside::Bedside;
 use config::bedside::devices::PROBE_FRAME;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use calibration::latency::floor::FloorPose;
-use calibration::latency::motion::PoseSample;
-use calibration::latency::pose_spline::PoseSpline;
 use calibration::latency::stamps::Stamps;
+use calibration::trajectory::PoseSample;
+use calibration::trajectory::pose_spline::PoseSpline;
 use config::Settings;
 use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
 use drivers::OpenSettings;
@@ -16,8 +16,10 @@ use drivers::replay::SequenceSettings;
 use mask::MaskSettings;
 use sonoweave_core::frames::{affine_from_rows, nearest_rigid};
 use sonoweave_core::reading::{NamedTransform, Reading, Status, transform_name};
-use sync::history::PoseSample as Measured;
+use sync::clock::TimeFlags;
+use sync::history::{PoseHistory, PoseSample as Measured, Rigid};
 use sync::ingest::RIGID_TOLERANCE;
+use sync::smoothing::{Smoothing, smoothed};
 use sync::survey;
 
 use super::super::recorded::{GreyImage, Recorded, Tracks, Unfit, each, seconds, stamps};
@@ -32,7 +34,7 @@ pub(crate) struct Source {
 
 impl Source {
     /// Uses a recording, and a sequence for the poses unless the recording contains them.
-    pub(super) fn new(video: Recorded, tracker: Option<PathBuf>) -> Self {
+    pub(in crate::app::calibrate) fn new(video: Recorded, tracker: Option<PathBuf>) -> Self {
         Self { video, tracker }
     }
 
@@ -42,17 +44,17 @@ impl Source {
     }
 
     /// Returns the calibration that a session was reconstructed with.
-    pub(super) fn calibration(&self) -> Option<&Settings> {
+    pub(in crate::app::calibrate) fn calibration(&self) -> Option<&Settings> {
         Some(&self.video.bedside()?.calibration)
     }
 
     /// Returns the session's image mask, if there is one.
-    pub(super) fn mask(&self) -> Option<MaskSettings> {
+    pub(in crate::app::calibrate) fn mask(&self) -> Option<MaskSettings> {
         Some(self.video.bedside()?.mask)
     }
 
     /// Returns the configured latency of the video, ms.
-    pub(super) fn video_ms(&self) -> Option<f64> {
+    pub(in crate::app::calibrate) fn video_ms(&self) -> Option<f64> {
         Some(self.video.bedside()?.grabber.latency_ns as f64 * 1e-6)
     }
 
@@ -67,7 +69,7 @@ impl Source {
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or its video frames are not in 8 bits or
     /// have no times.
-    pub(super) fn pictures(
+    pub(in crate::app::calibrate) fn pictures(
         &self,
         mut visit: impl FnMut(GreyImage<'_>, Stamps) -> Result<(), Failure>,
     ) -> Result<Unfit, Failure> {
@@ -123,48 +125,95 @@ impl Source {
     }
 
     /// Reads the probe's poses in the volume's frame, and the transform from image to probe.
+    /// Sentences for the user go to `notes`.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, has no such poses, or nothing relates the
     /// image to the probe.
-    pub(super) fn placed(&self, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
-        match (&self.video, &self.tracker) {
-            (Recorded::Sequence(video), None) => along(video, calibration),
-            (Recorded::Sequence(_), Some(tracker)) => {
-                let (mut probe, mut reference) = (Vec::new(), Vec::new());
-                transforms(tracker, |transform, _| {
-                    let into = match transform.from.as_str() {
-                        PROBE_FRAME => &mut probe,
-                        REFERENCE_FRAME => &mut reference,
-                        _ => return,
-                    };
-                    if transform.to == TRACKER_FRAME
-                        && let (Some(pose), Some(time_s)) = (rigid(transform), transform.stamp.source_s)
-                    {
-                        into.push(sample(time_s, &pose));
-                    }
-                })?;
-                Ok((against(&probe, &reference)?, probe_from_image(calibration)?))
-            }
-            (Recorded::Session { path, bedside }, _) => {
-                let [probe, reference] = measured(&Tracks::read(path, bedside)?);
-                Ok((against(&probe, &reference)?, probe_from_image(calibration)?))
+    pub(in crate::app::calibrate) fn placed(
+        &self,
+        calibration: &Settings,
+        poses: Poses,
+        notes: &mut Vec<String>,
+    ) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
+        if let (Recorded::Sequence(video), None, Poses::OfImages) = (&self.video, &self.tracker, poses) {
+            return along(video, calibration);
+        }
+        let [mut probe, mut reference] = self.sensors()?;
+        if poses == Poses::Smoothed {
+            for (name, samples) in [(PROBE_FRAME, &mut probe), (REFERENCE_FRAME, &mut reference)] {
+                notes.extend(smooth(name, samples));
             }
         }
+        Ok((against(&probe, &reference)?, probe_from_image(calibration)?))
     }
+
+    /// Reads the poses of the probe and of the reference, without the invalid ones.
+    fn sensors(&self) -> Result<[Vec<PoseSample>; 2], Failure> {
+        let (video, tracker) = match (&self.video, &self.tracker) {
+            (Recorded::Session { path, bedside }, _) => return Ok(measured(&Tracks::read(path, bedside)?)),
+            (Recorded::Sequence(video), tracker) => (video, tracker),
+        };
+        let (mut probe, mut reference) = (Vec::new(), Vec::new());
+        transforms(tracker.as_ref().unwrap_or(video), |transform, _| {
+            let into = match transform.from.as_str() {
+                PROBE_FRAME => &mut probe,
+                REFERENCE_FRAME => &mut reference,
+                _ => return,
+            };
+            if transform.to == TRACKER_FRAME
+                && let (Some(pose), Some(time_s)) = (rigid(transform), transform.stamp.source_s)
+            {
+                into.push(sample(time_s, &pose));
+            }
+        })?;
+        Ok([probe, reference])
+    }
+}
+
+/// Poses that slices are placed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::app::calibrate) enum Poses {
+    /// Those of the images, if a sequence has them; else the sensors', as measured.
+    OfImages,
+    /// The sensors', each smoothed for itself by local regression.
+    Smoothed,
+}
+
+/// Half of the longest window of smoothing, ns.
+const HALF_WIDTH_NS: i64 = 300_000_000;
+/// Share of the poses that may stay as measured without a note.
+const AS_MEASURED: f64 = 0.1;
+
+/// Smooths a sensor's poses. Returns a sentence if many stay as they are.
+fn smooth(name: &str, samples: &mut [PoseSample]) -> Option<String> {
+    let time_ns = |sample: &PoseSample| (sample.time_s * 1e9).round() as i64;
+    let mut history = PoseHistory::new(samples.len(), HALF_WIDTH_NS);
+    for sample in samples.iter() {
+        let pose = Rigid { rotation: sample.rotation, position_mm: sample.position_mm };
+        let (bound_ns, flags) = (0, TimeFlags::NONE);
+        history.insert(Measured { time_ns: time_ns(sample), bound_ns, flags, pose, invalid: None });
+    }
+    let (mut left, mut why) = (0, None);
+    for sample in samples.iter_mut() {
+        match smoothed(&history, time_ns(sample), &Smoothing::offline(HALF_WIDTH_NS)) {
+            Ok(found) => (sample.rotation, sample.position_mm) = (found.pose.rotation, found.pose.position_mm),
+            Err(reason) => (left, why) = (left + 1, Some(reason)),
+        }
+    }
+    let many = f64::from(left) > AS_MEASURED * samples.len() as f64;
+    why.filter(|_| many).map(|why| format!("{left} of {} poses of {name} are not smoothed: {why}", samples.len()))
 }
 
 /// Returns the transform from image to probe.
 ///
 /// # Errors
 /// [`Failure`] when the calibration has none.
-pub(super) fn probe_from_image(calibration: &Settings) -> Result<DAffine3, Failure> {
+pub(in crate::app::calibrate) fn probe_from_image(calibration: &Settings) -> Result<DAffine3, Failure> {
     let image = calibration.image_frame.as_deref().unwrap_or("Image");
     let found = calibration.transforms.iter().find(|t| t.from == image && t.to == PROBE_FRAME);
     found.map(|transform| transform.affine).ok_or_else(|| {
-        Failure::new(
-            "--method crossings needs the image's position relative to the probe: give --config with ImageToProbe",
-        )
+        Failure::new("crossing slices need the image's position relative to the probe: give --config with ImageToProbe")
     })
 }
 

@@ -161,7 +161,7 @@ pub(super) fn write(
     text: String,
 ) -> Result<Done, Failure> {
     let made = Made { latency: lag.and_then(Lag::latency), ..made };
-    let report = outputs.write_probe(options.result(made)?, report, page)?;
+    let report = outputs.write_probe(None, options.result(made)?, report, page)?;
     let of_lag = lag.filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     Ok(Done::new(text + &of_lag + &outputs.summary(), report))
 }

@@ -76,7 +76,7 @@ impl<const N: usize> Spline<N> {
     pub fn noise(&self) -> [f64; N] {
         std::array::from_fn(|k| {
             let mut left: Vec<f64> = self.pieces.iter().flat_map(|piece| piece.second_differences(k)).collect();
-            super::robust::deviation_about_zero(&mut left)
+            crate::statistics::deviation_about_zero(&mut left)
         })
     }
 }

@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::motion::{LONGEST_GAP_S, PoseSample};
 use super::spline::Spline;
+use super::{LONGEST_GAP_S, PoseSample};
 use crate::error::CalibrationError;
 
 /// Poses as a smooth function of time.

@@ -1,0 +1,108 @@
+//! Checks and refines a probe's calibration by slices that cross, without a phantom.
+//!
+//! Two slices whose planes cross show the same line of the body. A wrong calibration displaces the
+//! line in both, each along its own plane. Sweeps in three or more directions determine nine
+//! numbers by that: the pose of the image plane at the sensor, its scale along u and v, and the
+//! tracker's latency (Blackall et al., 2000; Wein & Khamene, 2008). If the calibration in use is
+//! displaced by more than chance explains, the sensor has slipped, or a setting has changed.
+//!
+//! - [`directions`](Directions): sweeps of a scan, and directions of their planes.
+//! - `pairs`: pairs of slices that are compared.
+//! - `scales`: slices, blurred: coarse ones first, so that a large displacement is found.
+//! - `state`: the nine numbers, and slices placed by them.
+//! - `line`: grey values of two slices along their line, and derivatives.
+//! - `fit`: Gauss and Newton's method over all lines.
+//! - `certainty`: standard errors, and what the sweeps do not determine.
+//! - `checked`: the result, and reasons not to use it.
+//!
+//! Poses should be smoothed before: a pose's noise displaces its slice as a calibration does.
+
+#![cfg_attr(test, allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture"))]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must refuse, not pass")]
+
+mod certainty;
+mod checked;
+mod directions;
+mod fit;
+mod line;
+mod pairs;
+mod scales;
+mod state;
+
+pub use checked::Checked;
+pub use directions::Directions;
+
+use crate::error::{CalibrationError, CrossingsError};
+use crate::slices::Slices;
+use certainty::Certainty;
+use fit::Fit;
+use line::Lines;
+use state::State;
+
+/// Blurs of the images, standard deviations, mm: coarse ones first.
+const COARSE_MM: [f64; 2] = [1.6, 0.8];
+const FINE_MM: f64 = 0.4;
+/// Lags at which the search begins, s: at constant speed, a lag displaces slices as other numbers
+/// do, so that a search from one lag may end at a wrong one.
+const LAGS_S: [f64; 5] = [0.0, -0.04, 0.04, -0.08, 0.08];
+/// Lines that suffice for coarse images.
+const COARSE_LINES: usize = 400;
+/// Lines that are needed for a check.
+const LEAST_LINES: usize = 100;
+/// Factors of the image's scale that a changed depth setting of the scanner may have caused.
+const DEPTHS: [f64; 8] = [0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.7, 2.0];
+/// Correlation along the lines, median: agreement above, none below.
+const ALIKE: f64 = 0.5;
+
+impl Slices {
+    /// Checks the calibration of the slices: finds the one by which they agree best where they
+    /// cross.
+    ///
+    /// # Errors
+    /// [`CrossingsError`] if the slices do not cross enough, or agree by no calibration near this
+    /// one.
+    pub fn checked(&self) -> Result<Checked, CalibrationError> {
+        let start = State::of(self);
+        let directions = Directions::of(self, &start);
+        let pairs = pairs::chosen(self, &start);
+        if pairs.len() < LEAST_LINES {
+            return Err(CrossingsError::FewLines {
+                lines: pairs.len(),
+                least: LEAST_LINES,
+                directions: directions.count,
+            }
+            .into());
+        }
+        // A part of the lines brings the method near.
+        let some: Vec<[usize; 2]> = pairs.iter().copied().step_by((pairs.len() / COARSE_LINES).max(1)).collect();
+        let coarse = Lines::new(self, &some, COARSE_MM[0]);
+        let scale = coarse.scale(&start);
+        let starts = LAGS_S.map(|lag_s| {
+            let mut fit = Fit::new(start, lag_s);
+            fit.improve(&coarse);
+            (coarse.cost(&fit.state, scale), fit)
+        });
+        let best = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        let mut fit = best.map_or(Fit::new(start, 0.0), |(_, fit)| fit);
+        fit.improve(&Lines::new(self, &some, COARSE_MM[1]));
+        let lines = Lines::new(self, &pairs, FINE_MM);
+        fit.improve(&lines);
+        let correlations = [start, fit.state].map(|state| lines.correlation(&state));
+        if !(correlations[1] >= ALIKE) {
+            // The coarsest images: a wrong scale displaces lines by much.
+            let agreement = |factor: f64| coarse.correlation(&start.scaled(self, factor));
+            let factors = DEPTHS.map(|factor| (factor, agreement(factor)));
+            let best = factors.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).filter(|best| best.1 > ALIKE);
+            return Err(match best {
+                Some((factor, _)) => CrossingsError::Scale { factor },
+                None => CrossingsError::Unrelated { correlation: correlations[1], least: ALIKE },
+            }
+            .into());
+        }
+        let certainty = Certainty::of(self, &lines, &fit);
+        Ok(Checked::new(self, &directions, &lines, start, &fit, correlations, certainty))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+//! The nine numbers of a calibration, and slices placed by them.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use nalgebra::SVector;
+
+use crate::slices::Slices;
+
+/// Count of the numbers: displacement along u, v and the normal, mm; turns about these, rad; change
+/// of the scale along u and v; change of the lag, s.
+pub(super) const COUNT: usize = 9;
+
+/// A change of the numbers.
+pub(super) type Change = SVector<f64, COUNT>;
+
+/// Time over which a slice's velocity is taken, s.
+const STEP_S: f64 = 0.002;
+
+/// A calibration.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct State {
+    /// Rigid: from mm of the image, about its middle, to the probe.
+    pub(super) probe_from_picture: DAffine3,
+    /// From reduced pixels to mm of the image.
+    pub(super) picture_from_pixel: DAffine3,
+    /// Delay of the tracker behind the video.
+    pub(super) lag_s: f64,
+}
+
+/// A slice at its place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    /// Rigid: from mm of the image to the world.
+    pub(super) world_from_picture: DAffine3,
+    /// Its change, per s.
+    pub(super) rate: DAffine3,
+}
+
+impl State {
+    /// Returns the calibration of the slices, without a lag.
+    pub(super) fn of(slices: &Slices) -> Self {
+        let probe_from_pixel = slices.probe_from_pixel;
+        let [u, v] = slices.bounds.map(|[low, high]| 0.5 * (low + high));
+        let m = probe_from_pixel.matrix3;
+        let x = m.x_axis.normalize();
+        let z = m.x_axis.cross(m.y_axis).normalize();
+        let probe_from_picture = DAffine3 {
+            matrix3: DMat3::from_cols(x, z.cross(x), z),
+            translation: probe_from_pixel.transform_point3(DVec3::new(u, v, 0.0)),
+        };
+        let picture_from_pixel = probe_from_picture.inverse() * probe_from_pixel;
+        Self { probe_from_picture, picture_from_pixel, lag_s: 0.0 }
+    }
+
+    /// Returns the calibration after a change.
+    pub(super) fn changed(&self, by: &Change) -> Self {
+        let vector = |first: usize| DVec3::new(by[first], by[first + 1], by[first + 2]);
+        let rigid = DAffine3::from_rotation_translation(DQuat::from_scaled_axis(vector(3)), vector(0));
+        let scale = DAffine3::from_scale(DVec3::new(1.0 + by[6], 1.0 + by[7], 1.0));
+        Self {
+            probe_from_picture: self.probe_from_picture * rigid,
+            picture_from_pixel: scale * self.picture_from_pixel,
+            lag_s: self.lag_s + by[8],
+        }
+    }
+
+    /// Returns the calibration with another scale about the middle of the upper border, where the
+    /// transducer is.
+    pub(super) fn scaled(&self, slices: &Slices, factor: f64) -> Self {
+        let [_, [top, bottom]] = slices.bounds;
+        let below = 0.5 * (bottom - top) * self.picture_from_pixel.matrix3.y_axis.y;
+        let about = DAffine3::from_translation(DVec3::new(0.0, (factor - 1.0) * below, 0.0));
+        let scale = DAffine3::from_scale(DVec3::new(factor, factor, 1.0));
+        Self { picture_from_pixel: about * scale * self.picture_from_pixel, ..*self }
+    }
+
+    /// Returns the map from reduced pixels to the probe.
+    pub(super) fn probe_from_pixel(&self) -> DAffine3 {
+        self.probe_from_picture * self.picture_from_pixel
+    }
+
+    /// Returns the place of a slice; `None` without poses around its time.
+    pub(super) fn placed(&self, slices: &Slices, slice: usize) -> Option<Placed> {
+        let time_s = slices.pixels[slice].0 + self.lag_s;
+        let [before, at, after] = [-STEP_S, 0.0, STEP_S].map(|step| slices.poses.at(time_s + step));
+        let [before, after] = [before? * self.probe_from_picture, after? * self.probe_from_picture];
+        let per_s = 0.5 / STEP_S;
+        let rate = DAffine3 {
+            matrix3: (after.matrix3 - before.matrix3) * per_s,
+            translation: (after.translation - before.translation) * per_s,
+        };
+        Some(Placed { world_from_picture: at? * self.probe_from_picture, rate })
+    }
+
+    /// Returns the points of the image at which displacements are stated, reduced pixels: the
+    /// middle, and eight on the border.
+    pub(super) fn points(slices: &Slices) -> [DVec3; 9] {
+        let [u, v] = slices.bounds.map(|[low, high]| [low, 0.5 * (low + high), high]);
+        std::array::from_fn(|k| DVec3::new(u[k % 3], v[k / 3], 0.0))
+    }
+}
+
+/// Returns the displacements of a point of the image per unit of each number but the lag, mm.
+pub(super) fn displacements(p: DVec3) -> [DVec3; COUNT - 1] {
+    let turned = |axis: DVec3| axis.cross(p);
+    [
+        DVec3::X,
+        DVec3::Y,
+        DVec3::Z,
+        turned(DVec3::X),
+        turned(DVec3::Y),
+        turned(DVec3::Z),
+        DVec3::new(p.x, 0.0, 0.0),
+        DVec3::new(0.0, p.y, 0.0),
+    ]
+}
