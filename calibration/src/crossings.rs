@@ -49,8 +49,6 @@ const LAGS_S: [f64; 5] = [0.0, -0.04, 0.04, -0.08, 0.08];
 const COARSE_LINES: usize = 400;
 /// Lines that are needed for a check.
 const LEAST_LINES: usize = 100;
-/// Factors of the image's scale that a changed depth setting of the scanner may have caused.
-const DEPTHS: [f64; 8] = [0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.7, 2.0];
 /// Correlation along the lines, median: agreement above, none below.
 const ALIKE: f64 = 0.5;
 
@@ -89,15 +87,7 @@ impl Slices {
         fit.improve(&lines);
         let correlations = [start, fit.state].map(|state| lines.correlation(&state));
         if !(correlations[1] >= ALIKE) {
-            // The coarsest images: a wrong scale displaces lines by much.
-            let agreement = |factor: f64| coarse.correlation(&start.scaled(self, factor));
-            let factors = DEPTHS.map(|factor| (factor, agreement(factor)));
-            let best = factors.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).filter(|best| best.1 > ALIKE);
-            return Err(match best {
-                Some((factor, _)) => CrossingsError::Scale { factor },
-                None => CrossingsError::Unrelated { correlation: correlations[1], least: ALIKE },
-            }
-            .into());
+            return Err(CrossingsError::Unrelated { correlation: correlations[1], least: ALIKE }.into());
         }
         let certainty = Certainty::of(self, &lines, &fit);
         Ok(Checked::new(self, &directions, &lines, start, &fit, correlations, certainty))

@@ -81,6 +81,9 @@ fn what_cannot_be_checked_or_corrected_is_refused() {
         &["no check: ", "pairs of slices cross within the image, but 100 are needed", "tilted by 30°"],
     );
     place.does("phantom -o two.mha --calibration two.toml --trajectory crossing --image-size 160x150 --pixel 0.3 --frames 100 --gap 0.9");
+    let run = place.run("calibrate crossings --sequence two.mha --config two.toml");
+    assert!(run.code == 1 && run.stdout.contains("the sweeps do not tell whether it holds"), "{}", run.stdout);
+    assert!(run.stderr.contains("no check: the sweeps have 2 directions") && !run.stdout.contains("calibration holds"));
     place.refuses(
         "calibrate crossings --sequence two.mha --config two.toml -o new.toml",
         &["the sweeps have 2 directions, but 3 determine a calibration"],

@@ -33,7 +33,7 @@ const LEAST_LINES: usize = 10;
 /// A calibration checked by crossing slices.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
-    /// Number of compared lines, and of the slices in them.
+    /// Number of compared lines.
     pub lines: usize,
     /// Number of slices in these.
     pub slices: usize,
@@ -110,16 +110,36 @@ impl Checked {
         self.correction * probe_from_image
     }
 
+    /// Whether the image is displaced by more than chance explains.
+    fn is_displaced(&self) -> bool {
+        self.shift_mm > SLIPPED_MM && self.shift_mm > SLIPPED_ERRORS * self.shift_se_mm
+    }
+
+    /// Returns the reason why the sweeps do not tell whether the calibration in use holds, if there
+    /// is one. A displacement that exceeds its standard error by far is certain though the
+    /// calibration found is not.
+    pub fn undecided(&self) -> Option<CrossingsError> {
+        let Self { motion, worst_se_mm: mm, .. } = *self;
+        if self.directions.count < LEAST_DIRECTIONS {
+            return Some(CrossingsError::Directions { count: self.directions.count, least: LEAST_DIRECTIONS, motion });
+        }
+        if let Some((sides, ratio)) = self.moved {
+            return Some(CrossingsError::Moved { sides, ratio });
+        }
+        let is_certain = mm <= MOST_ERROR_MM || self.is_displaced();
+        (!is_certain).then_some(CrossingsError::Uncertain { mm, most_mm: MOST_ERROR_MM, motion })
+    }
+
     /// Whether the calibration in use no longer holds: it displaces the image by more than chance
     /// explains.
     pub fn has_slipped(&self) -> bool {
-        self.shift_mm > SLIPPED_MM && self.shift_mm > SLIPPED_ERRORS * self.shift_se_mm
+        self.undecided().is_none() && self.is_displaced()
     }
 
     /// Whether the latency in use is off by more than chance explains.
     pub fn is_late(&self) -> bool {
         let [lag_s, se_s] = self.lag_s;
-        lag_s.abs() > LATE_S && lag_s.abs() > SLIPPED_ERRORS * se_s
+        self.undecided().is_none() && lag_s.abs() > LATE_S && lag_s.abs() > SLIPPED_ERRORS * se_s
     }
 
     /// Returns the reason why the calibration found is not to be used, if there is one.
@@ -128,12 +148,8 @@ impl Checked {
         let [before, after] = self.correlations;
         let too_much =
             [(largest(&self.translation_mm[0]), MOST_MM, "mm"), (largest(&self.rotation_deg[0]), MOST_DEG, "degrees")];
-        if self.directions.count < LEAST_DIRECTIONS {
-            let Self { motion, .. } = *self;
-            return Some(CrossingsError::Directions { count: self.directions.count, least: LEAST_DIRECTIONS, motion });
-        }
-        if let Some((sides, ratio)) = self.moved {
-            return Some(CrossingsError::Moved { sides, ratio });
+        if let Some(why) = self.undecided() {
+            return Some(why);
         }
         if largest(&self.scale[0]) > MOST_SCALE {
             return Some(CrossingsError::Scale { factor: 1.0 + 0.5 * (self.scale[0][0] + self.scale[0][1]) });

@@ -63,16 +63,6 @@ impl State {
         }
     }
 
-    /// Returns the calibration with another scale about the middle of the upper border, where the
-    /// transducer is.
-    pub(super) fn scaled(&self, slices: &Slices, factor: f64) -> Self {
-        let [_, [top, bottom]] = slices.bounds;
-        let below = 0.5 * (bottom - top) * self.picture_from_pixel.matrix3.y_axis.y;
-        let about = DAffine3::from_translation(DVec3::new(0.0, (factor - 1.0) * below, 0.0));
-        let scale = DAffine3::from_scale(DVec3::new(factor, factor, 1.0));
-        Self { picture_from_pixel: about * scale * self.picture_from_pixel, ..*self }
-    }
-
     /// Returns the map from reduced pixels to the probe.
     pub(super) fn probe_from_pixel(&self) -> DAffine3 {
         self.probe_from_picture * self.picture_from_pixel

@@ -236,13 +236,14 @@ fn what_determines_no_calibration_is_refused_by_name() {
     assert!(matches!(few, CrossingsError::FewLines { least: LEAST_LINES, directions: 1, .. }), "{few}");
     let two = named(Sweeps::of(&[upright, turned]));
     assert!(matches!(two, CrossingsError::Directions { count: 2, motion: Motion::Tilt, .. }), "{two}");
-    for depth in [0.7, 1.1, 1.4] {
+    for depth in [0.5, 1.1, 2.0] {
         let scale = named(Sweeps { depth, ..all.clone() });
         assert!(matches!(scale, CrossingsError::Scale { factor } if (factor * depth - 1.0).abs() < 0.02), "{scale}");
     }
     let body = vec![DVec3::ZERO, DVec3::ZERO, DVec3::new(1.0, 1.0, 2.0)];
-    let moved = named(Sweeps { body, ..all.clone() });
-    assert!(matches!(moved, CrossingsError::Moved { sides: [_, 2], .. }), "{moved}");
+    let moved = Sweeps { body, ..all.clone() }.scanned(&mut Random::new(5)).checked().unwrap();
+    assert!(matches!(moved.undecided(), Some(CrossingsError::Moved { sides: [_, 2], .. })), "{:?}", moved.undecided());
+    assert!(moved.shift_mm > 0.3 && !moved.has_slipped(), "a body that moved is no slipped sensor");
     let far = named(Sweeps { off: Change::from([3.5, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), ..all.clone() });
     assert!(matches!(far, CrossingsError::Large { unit: "mm", .. }), "{far}");
     let noisy = named(Sweeps { wander: [0.8, 0.8], ..all.clone() });

@@ -18,7 +18,7 @@ use report::Report;
 Sweep the same place of a body at rest three times: upright, turned by 90° about the probe's axis, and tilted by 30°. \
 Crossing slices then show the same lines. The command finds the calibration by which they agree best: the image's \
 pose at the sensor, its scale and the tracker's latency. It fails if the calibration in use displaces the image by \
-more than chance explains, as when the sensor has slipped.
+more than chance explains, as when the sensor has slipped, or if the sweeps do not tell.
 
 With -o it writes the calibration found into a new file, and fails if that is not certain enough, or too far from the \
 one in use: a phantom then determines it better.
@@ -56,9 +56,12 @@ impl Calibrate for Arguments {
     }
 }
 
-/// Returns the failure of a calibration that no longer holds.
+/// Returns the failure of a calibration that no longer holds, or of a check that does not tell.
 fn alarm(found: &Found) -> Option<Failure> {
     let checked = &found.checked;
+    if let Some(why) = checked.undecided() {
+        return Some(Failure::new(format!("no check: {why}")));
+    }
     if checked.has_slipped() {
         return Some(Failure::new(format!(
             "the calibration displaces the image by {:.2} mm, with a standard error of {:.2} mm; check the sensor on the \

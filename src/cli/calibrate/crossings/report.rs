@@ -19,6 +19,8 @@ pub(super) struct Report<'a> {
     /// Largest standard error of a point of the image, mm.
     worst_se_mm: f64,
     has_slipped: bool,
+    /// Whether the sweeps do not tell.
+    is_undecided: bool,
     /// Whether the latency in use is off.
     is_late: bool,
     /// Reason not to use the calibration found.
@@ -60,6 +62,7 @@ impl<'a> Report<'a> {
             shift_se_mm: checked.shift_se_mm,
             worst_se_mm: checked.worst_se_mm,
             has_slipped: checked.has_slipped(),
+            is_undecided: checked.undecided().is_some(),
             is_late: checked.is_late(),
             unfit: checked.unfit().map(|why| why.to_string()),
             translation_mm: checked.translation_mm,
@@ -88,7 +91,11 @@ impl<'a> Report<'a> {
             let each = numbers.iter().zip(errors).map(|(x, se)| format!("{x:.digits$} ± {se:.digits$}"));
             each.collect::<Vec<_>>().join(", ")
         };
-        let verdict = |is_off: bool| if is_off { "more than chance explains" } else { "the calibration holds" };
+        let verdict = |is_off: bool| match (self.is_undecided, is_off) {
+            (true, _) => "the sweeps do not tell whether it holds",
+            (_, true) => "more than chance explains",
+            (_, false) => "the calibration holds",
+        };
         let slipped = verdict(self.has_slipped);
         say("image", format!("displaced by {:.2} ± {:.2} mm: {slipped}", self.shift_mm, self.shift_se_mm));
         say(
@@ -111,7 +118,7 @@ impl<'a> Report<'a> {
                 self.correlations[0]
             ),
         );
-        // The calibration holds: that is said already.
+        // Whether it holds or the sweeps do not tell is said already.
         let unfit = self.unfit.iter().filter(|_| self.has_slipped || self.is_late);
         unfit.for_each(|why| say("not to be used", why.clone()));
         self.notes.iter().for_each(|note| say("note", note.clone()));
