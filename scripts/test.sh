@@ -1,7 +1,7 @@
 #!/bin/sh
 # Builds all tests, and runs their programs side by side: one for each core, and one of those that
-# mostly wait for devices and clients. Prints the time of each program, and what a failed one has
-# printed.
+# mostly wait for devices and clients. Prints the time of each program and that of the processors,
+# and what a failed one has printed.
 #
 #   scripts/test.sh CARGO-OPTIONS…
 #
@@ -53,15 +53,18 @@ else
 fi
 code=$?
 seconds=$(($(date +%s) - began))
+# User and system time of the programs that have ended: "2m3.45s 0m6.78s".
+times >"$logs/$$.times"
+busy=$(($(sed -n 's/\.[0-9]*s//g; 2s/\([0-9]*\)m\([0-9]*\) \([0-9]*\)m\([0-9]*\)/\1 * 60 + \2 + \3 * 60 + \4/p' "$logs/$$.times")))
 if [ $code -eq 0 ]; then
     # Tests that are left out are named; of many, such as the mutants, the number is told.
     sed -n 's/^test \(.*[^ ]\) *\.\.\. ignored.*/\1/p' "$logs"/*"$(basename "$program")".log >"$logs/$$.ignored"
     many=$(grep -c '' "$logs/$$.ignored" || true)
     if [ "$many" -gt 20 ]; then echo "$many of $name" >"$logs/$$.names"; else cp "$logs/$$.ignored" "$logs/$$.names"; fi
-    printf '%6d s  passed  %s%s\n' $seconds "$name" "$(sed 's/^/\n                  ignored: /' "$logs/$$.names" | sed '/^$/d' | sed '1s/^/\n/')"
+    printf '%6d s %6d s  passed  %s%s\n' $seconds $busy "$name" "$(sed 's/^/\n                           ignored: /' "$logs/$$.names" | sed '/^$/d' | sed '1s/^/\n/')"
 else
     # One write, so that the logs of two programs do not mix.
-    printf '%s\n%6d s  FAILED  %s\n' "$(cat "$logs"/*"$(basename "$program")".log)" $seconds "$name"
+    printf '%s\n%6d s %6d s  FAILED  %s\n' "$(cat "$logs"/*"$(basename "$program")".log)" $seconds $busy "$name"
     exit 1
 fi
 EOF

@@ -16,8 +16,9 @@ fn pipes_get_no_escape_sequences() {
     // The log has a line at this level, and clap an error with styles.
     let help = place.run("replay --help");
     let wrong = place.run("replay --wrong");
-    let logged = place.run("demo -vv --duration 0.3 --headless -o d");
-    assert_eq!((help.code, wrong.code), (0, 2));
+    place.does("phantom -o s.mha --image-size 40x30 --frames 8");
+    let logged = place.run("reconstruct s.mha -o v.mha -vv");
+    assert_eq!((help.code, wrong.code, logged.code), (0, 2, 0));
     assert!(logged.stderr.contains("INFO") || logged.stderr.contains("DEBUG"), "{}", logged.stderr);
     for text in [help.stdout, wrong.stderr, logged.stdout, logged.stderr] {
         assert!(!text.contains('\u{1b}'), "{text:?}");
