@@ -10,7 +10,7 @@ pub(crate) mod outputs;
 pub(crate) mod pivot;
 pub mod poses;
 pub(crate) mod probe;
-mod recorded;
+pub(crate) mod recorded;
 mod slices;
 mod tip;
 pub(crate) mod tracker;

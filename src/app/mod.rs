@@ -9,6 +9,7 @@
 pub(crate) mod batch;
 pub mod calibrate;
 pub mod convert;
+pub(crate) mod correct;
 pub mod devices;
 pub(crate) mod doctor;
 pub(crate) mod histogram;

@@ -49,6 +49,9 @@ impl Made<'_> {
         if let Some(smoothing) = &outcome.smoothing {
             fields.push(line("Smoothing", &smoothing.words()));
         }
+        if let Some(corrections) = &outcome.corrections {
+            fields.push(line("Corrections", corrections));
+        }
         fields.push((UNSEEN_FIELD.into(), format!("{}", encoding.unseen)));
         fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
         // In a cropped volume, the image covers only what is left.

@@ -9,6 +9,7 @@ pub mod calibrate;
 pub mod compare;
 pub mod completions;
 pub mod convert;
+pub mod correct;
 pub mod demo;
 pub mod devices;
 pub mod dicom;
@@ -114,6 +115,9 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Replay a recorded session as it ran live, or with another configuration
     Replay(Box<replay::Arguments>),
+    /// Correct the poses of a recorded session, list its corrections or undo them
+    #[command(subcommand)]
+    Correct(correct::Arguments),
     /// Reconstruct a recorded sweep while a picture follows, slice by slice
     Animate(Box<animate::Arguments>),
     /// Write the intact part of a damaged or interrupted session to a new file
@@ -179,6 +183,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Batch(arguments) => batch::run(arguments, quiet),
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments, quiet),
+        Command::Correct(arguments) => correct::run(arguments),
         Command::Animate(arguments) => animate::run(arguments),
         Command::Repair(arguments) => repair::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),

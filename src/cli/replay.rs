@@ -28,6 +28,9 @@ The command reconstructs and draws a session as it ran live, with its recorded c
 order, and new decisions. It compares the outcome with the recorded one, bit by bit. If they differ, it names the \
 first different sample, and the exit code is 1. With --config it uses other settings, and compares nothing.
 
+Corrections that `sonoweave correct` has stored beside the session are applied: the volume then is another one than \
+the live one.
+
 Examples: sonoweave replay SESSION-20261121-213000.mcap -o volume.mha --picture last.png
           sonoweave replay SESSION-20261121-213000.mcap --console 127.0.0.1:9110")]
 pub struct Arguments {
@@ -56,6 +59,9 @@ pub struct Arguments {
     keep: Option<PathBuf>,
     #[command(flatten)]
     json: JsonFlag,
+    /// Leave out the corrections of `sonoweave correct`
+    #[arg(long, hide_short_help = true)]
+    as_recorded: bool,
     /// Insert also the frames that the live stages dropped for lack of time. The volume differs
     /// then
     #[arg(long, hide_short_help = true)]
@@ -117,6 +123,7 @@ impl Arguments {
             session: &self.session,
             config: self.config.as_deref(),
             pace: self.speed,
+            corrected: !self.as_recorded,
             all: self.all,
             series: series(self.pictures.as_deref(), self.every)?,
             outputs: Outputs {

@@ -11,6 +11,7 @@ use pipeline::session::{PairedFrame, Recorded};
 use sonoweave_core::slice::Image;
 
 use super::{Keywords, LibraryError};
+use crate::app::correct;
 use crate::app::live::resume::Chain;
 use crate::app::live::stages::{Kept, stages};
 use crate::app::reconstruct::sweep::Sweep;
@@ -102,6 +103,9 @@ impl RecordedSession {
             if keywords.has("max_memory") {
                 settings.memory_bytes = own.memory_bytes;
             }
+            for sentence in correct::apply(&mut chain, self.config.is_some().then_some(&bedside))? {
+                tracing::info!("{sentence}");
+            }
             let mut resumed = chain.recorded(self.config.is_some().then_some(&bedside), Pace::Unpaced)?;
             let Some(recorded) = resumed.pop() else { unreachable!("a chain has a session") };
             let (input, config) = (SequenceSettings::new(&self.path), Config::default());
@@ -125,7 +129,7 @@ impl RecordedSession {
             return Ok(paired);
         }
         let Opened { sweep, recorded, .. } = self.opened(&Keywords::default())?;
-        let paired = sweep.session.pair(recorded).map_err(|error| LibraryError::of_run(&self.path, error))?;
+        let paired = sweep.session.pair(recorded).map_err(|error| LibraryError::of_run(&self.path, error))?.frames;
         if paired.len() as u64 != self.count {
             return Err(LibraryError::Input(format!(
                 "{}: has {} frames, but {} different numbers of frames; repair it by `sonoweave repair`",

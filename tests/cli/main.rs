@@ -14,6 +14,7 @@ mod chain;
 mod commands;
 mod compare;
 mod containers;
+mod correct;
 mod crossings;
 mod daemon;
 mod demo;

@@ -58,6 +58,10 @@ pub enum Reason {
     Frozen,
     /// The volume has reached its memory limit.
     VolumeFull,
+    /// A correction of the recorded session leaves the frame out.
+    Gated,
+    /// The corrections of the recorded session have no pose for the frame.
+    NotCorrected,
 }
 
 impl From<&BadMatrix> for Reason {
@@ -81,7 +85,7 @@ impl From<&NotRigid> for Reason {
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 25] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -105,6 +109,8 @@ impl Reason {
         Self::SamePicture,
         Self::Frozen,
         Self::VolumeFull,
+        Self::Gated,
+        Self::NotCorrected,
     ];
 
     /// Returns the name in statistics; the serialised form is the same.
@@ -133,6 +139,8 @@ impl Reason {
             Self::SamePicture => "same_picture",
             Self::Frozen => "frozen",
             Self::VolumeFull => "volume_full",
+            Self::Gated => "gated",
+            Self::NotCorrected => "not_corrected",
         }
     }
 }

@@ -24,6 +24,8 @@ pub struct Outcome {
     pub route: String,
     /// Frames by the smoothing of their poses; `None` if they are used as measured.
     pub smoothing: Option<SmoothingStatus>,
+    /// Corrections of a recorded session, by number and kind; `None` if none was applied.
+    pub corrections: Option<String>,
     /// Root mean square error of places in the image by the noise of poses, mm; `None` if it is
     /// unknown.
     pub pose_error_mm: Option<f64>,

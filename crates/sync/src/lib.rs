@@ -2,6 +2,7 @@
 //!
 //! - [`clock`]: computes measurement times from a device's ticks and the host's stamps.
 //! - [`extent`]: the voxels that slices will reach.
+//! - [`gating`]: leaves out the frames at which a body is displaced by breathing.
 //! - [`graph`]: the chain of named transforms from the image to the world.
 //! - [`history`]: a station's poses by time, with interpolation.
 //! - [`ingest`]: readings to samples in mm, rad and host time.
@@ -12,6 +13,7 @@
 
 pub mod clock;
 pub mod extent;
+pub mod gating;
 pub mod graph;
 pub mod history;
 pub mod ingest;

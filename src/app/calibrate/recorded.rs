@@ -26,7 +26,8 @@ use sync::clock::Timed;
 use sync::ingest::live::Live;
 use sync::ingest::{Ingest, Picture, Sample};
 pub(super) use times::{seconds, stamps};
-pub(super) use tracks::{GRABBER, Tracks, without_latency};
+pub(crate) use tracks::Tracks;
+pub(super) use tracks::{GRABBER, without_latency};
 
 /// A recording.
 pub(crate) enum Recorded {

@@ -47,6 +47,16 @@ impl Chain {
         Ok(Self(links))
     }
 
+    /// Returns a session without those that it resumes.
+    pub(crate) fn of(session: &Path, decisions: RecordedDecisions) -> Self {
+        Self(vec![(session.to_owned(), decisions)])
+    }
+
+    /// Returns the sessions and their recorded decisions, the earliest first.
+    pub(crate) fn links(&mut self) -> impl Iterator<Item = (&Path, &mut RecordedDecisions)> {
+        self.0.iter_mut().map(|(path, decisions)| (&**path, decisions))
+    }
+
     /// Returns the last session, and its recorded decisions.
     pub(crate) fn last(&mut self) -> (&Path, &mut RecordedDecisions) {
         let Some((path, decisions)) = self.0.last_mut() else { unreachable!("a chain has a session") };

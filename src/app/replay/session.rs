@@ -13,6 +13,7 @@ use reconstruct::Compounding;
 use sonoweave_core::clock::Monotonic;
 
 use super::series::{Gallery, Series};
+use crate::app::correct;
 use crate::app::igtl::Sharing;
 use crate::app::input;
 use crate::app::live::ended::{Ended, Leave};
@@ -29,6 +30,8 @@ pub(crate) struct ReplayRequest<'a> {
     /// Another session configuration.
     pub(crate) config: Option<&'a Path>,
     pub(crate) pace: Pace,
+    /// Whether the corrections that stand are applied.
+    pub(crate) corrected: bool,
     /// Whether dropped frames are used too.
     pub(crate) all: bool,
     /// Intermediate pictures.
@@ -78,7 +81,7 @@ impl ReplayRequest<'_> {
 /// [`Failure`] when it cannot be read, its outputs cannot be written, or its result differs from
 /// the live one.
 pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: Leave<'_>) -> Result<(), Failure> {
-    let ReplayRequest { session, config, pace, all, series, outputs, sharing } = request;
+    let ReplayRequest { session, config, pace, corrected, all, series, outputs, sharing } = request;
     let (mut chain, bedside) = request.open()?;
     let (_, decisions) = chain.last();
     let (missing, dropped) = (decisions.missing(), decisions.dropped());
@@ -93,6 +96,11 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
         ));
     }
     let has_digest = decisions.digest().is_some();
+    if *corrected {
+        let other = config.is_some().then_some(&bedside);
+        correct::apply(&mut chain, other)?.iter().for_each(|sentence| reporter.say(sentence));
+    }
+    let is_corrected = chain.links().any(|(_, decisions)| decisions.corrections().is_some());
     let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let quit = quit_on_signal()?;
@@ -131,7 +139,11 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
     })?;
     match differences {
         Some(Differences { count: 0, .. }) if !all && has_digest => {
-            reporter.say("the volume is the same as in the live session, bit by bit");
+            reporter.say(if is_corrected {
+                "the poses before their corrections are the same as in the live session, bit by bit"
+            } else {
+                "the volume is the same as in the live session, bit by bit"
+            });
             Ok(())
         }
         Some(Differences { count, first: Some(first) }) => Err(Failure::new(format!(

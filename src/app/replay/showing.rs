@@ -20,6 +20,7 @@ use sonoweave_core::clock::Monotonic;
 
 use super::reel::{Reel, Still};
 use super::session::ReplayRequest;
+use crate::app::correct;
 use crate::app::igtl::IgtlServer;
 use crate::app::input::name_of;
 use crate::app::live::ended::{Ended, Leave};
@@ -172,10 +173,14 @@ impl Showing<'_> {
         bedside: &Bedside,
         is_tried: bool,
     ) -> Result<EndedSession<'s>, Failure> {
-        let ReplayRequest { session, config, pace, all, .. } = self.request;
+        let ReplayRequest { session, config, pace, corrected, all, .. } = self.request;
         let mut chain = Chain::read(session)?;
         if *all {
             chain.last().1.use_all();
+        }
+        if *corrected {
+            let other = (config.is_some() || is_tried).then_some(bedside);
+            correct::apply(&mut chain, other)?.iter().for_each(|sentence| self.reporter.say(sentence));
         }
         let mut recorded = chain.recorded((config.is_some() || is_tried).then_some(bedside), *pace)?;
         let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };

@@ -101,11 +101,14 @@ impl EndedSession<'_> {
     pub fn finish(self) -> Finished {
         let Self { volume, drawn, mut status, recording, digest, decisions, insert_ms, .. } = self;
         status.stuck_s = None;
+        let corrections = decisions.as_ref().and_then(RecordedDecisions::corrections);
+        let corrected_mm = corrections.and_then(|corrections| corrections.pose_error_mm);
         let outcome = volume.into_inner().inserter.finish().map(|finished| Outcome {
             world: status.world.clone(),
             route: status.route.clone(),
             smoothing: status.smoothing.clone(),
-            pose_error_mm: status.pose_error_mm(),
+            corrections: corrections.map(|corrections| corrections.words.clone()),
+            pose_error_mm: corrected_mm.or(status.pose_error_mm()),
             voxels_updated: finished.reconstructor.work().voxels_updated,
             reconstructor: finished.reconstructor,
             chosen: finished.chosen,

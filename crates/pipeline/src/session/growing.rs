@@ -41,6 +41,8 @@ pub struct GrowingVolume {
     world: String,
     route: String,
     smoothing: Option<SmoothingStatus>,
+    /// Corrections of the last recorded session.
+    corrections: Option<String>,
     /// The worst of its recordings.
     pose_error_mm: Option<f64>,
     notes: Vec<String>,
@@ -137,6 +139,7 @@ impl GrowingVolume {
             world,
             route,
             smoothing: None,
+            corrections: None,
             pose_error_mm: None,
             notes: Vec::new(),
             insert_ms: Vec::new(),
@@ -188,6 +191,8 @@ impl GrowingVolume {
                     (Some(own), Some(more)) => own.add(more),
                     (own, more) => *own = own.take().or(more),
                 }
+                self.corrections =
+                    ran.decisions.as_ref().and_then(|decisions| Some(decisions.corrections()?.words.clone()));
                 self.notes.extend(notes);
                 self.insert_ms.extend(ran.insert_ms);
                 self.ledger.add(&ledger);
@@ -299,6 +304,7 @@ impl GrowingVolume {
             world: self.world.clone(),
             route: self.route.clone(),
             smoothing: self.smoothing.clone(),
+            corrections: self.corrections.clone(),
             pose_error_mm: self.pose_error_mm,
             mask,
             reached,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crossbeam_channel::bounded;
 
@@ -20,28 +20,42 @@ use super::run::RECORDED;
 use super::settings::Session;
 use super::spawn::{joined, spawn};
 use super::status::StatusCollector;
+use crate::smoothing::SmoothingStatus;
 use crate::{Observer, PipelineError};
 
 /// Time, host ns, and pose of a frame; or the name of the reason why it has none.
 pub type PairedFrame = Result<(i64, Transform<World, Image>), &'static str>;
 
-/// Collects the frames by their numbers.
+/// The frames of a session with their poses.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Paired {
+    /// The frames by their numbers.
+    pub frames: BTreeMap<u64, PairedFrame>,
+    /// Width and height of the last frame with a pose, pixels; `None` without any.
+    pub size: Option<[u32; 2]>,
+    /// Account of the smoothing, if poses are smoothed.
+    pub smoothing: Option<SmoothingStatus>,
+}
+
+/// Collects the frames.
 #[derive(Default)]
-struct Frames(Mutex<BTreeMap<u64, PairedFrame>>);
+struct Frames(Mutex<Paired>);
 
 impl Frames {
-    fn add(&self, item: u64, frame: PairedFrame) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(item, frame);
+    fn lock(&self) -> MutexGuard<'_, Paired> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Observer for Frames {
     fn slice(&self, _world: &str, item: u64, slice: &Slice) {
-        self.add(item, Ok((slice.time_ns, slice.world_from_image)));
+        let mut paired = self.lock();
+        paired.frames.insert(item, Ok((slice.time_ns, slice.world_from_image)));
+        paired.size = Some([slice.image.width(), slice.image.height()]);
     }
 
     fn lost(&self, item: u64, reason: &'static str) {
-        self.add(item, Err(reason));
+        self.lock().frames.insert(item, Err(reason));
     }
 }
 
@@ -55,19 +69,19 @@ impl Session {
         Ok([timed.route().world().to_owned(), timed.route().describe()])
     }
 
-    /// Pairs the frames of a recorded session with poses, as its replay does. Returns them by
-    /// their numbers.
+    /// Pairs the frames of a recorded session with poses, as its replay does.
     ///
     /// # Errors
     /// [`PipelineError`] if there is no route to the world, or the recording is damaged.
-    pub fn pair(&self, recorded: Recorded) -> Result<BTreeMap<u64, PairedFrame>, PipelineError> {
+    pub fn pair(&self, recorded: Recorded) -> Result<Paired, PipelineError> {
         let Recorded { replay, decisions, roles } = recorded;
         let names: Vec<String> = roles.iter().map(|role| role.name.clone()).collect();
         let frames = Arc::new(Frames::default());
         let observers = [Arc::clone(&frames) as Arc<dyn Observer>];
+        let status = StatusCollector::new(&roles, i64::MAX);
         let common = Common {
             clock: &Monotonic,
-            status: &StatusCollector::new(&roles, i64::MAX),
+            status: &status,
             recorder: &Recorder::nowhere(),
             in_flight: &InFlight::new(u64::MAX),
             decisions: Some(&decisions),
@@ -83,7 +97,8 @@ impl Session {
             stage.run(&mut FromRecording(delivered));
             joined(reading)
         })?;
-        let mut frames = frames.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(std::mem::take(&mut *frames))
+        let paired = std::mem::take(&mut *frames.lock());
+        let smoothing = status.lock().smoothing.take();
+        Ok(Paired { smoothing, ..paired })
     }
 }

@@ -116,6 +116,10 @@ impl<'a> Pairing<'a> {
         while let Some(answered) = self.timed.finish(self.now_ns) {
             self.answer(answered);
         }
+        // No estimate was due in a short session.
+        if self.common.status.lock().smoothing.as_ref().is_some_and(|account| account.sensors.is_empty()) {
+            self.estimate_noise();
+        }
         self.parts.iter().flat_map(|part| part.ingest.notes().to_vec()).collect()
     }
 
@@ -227,7 +231,14 @@ impl<'a> Pairing<'a> {
                 if let Some(queue) = self.common.decisions.and_then(|decisions| decisions.was_dropped(item)) {
                     return self.common.drop_before(queue, item);
                 }
-                let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
+                let world_from_image = match self.common.decisions {
+                    Some(decisions) => match decisions.corrected(item, placed.world_from_image) {
+                        Ok(pose) => pose,
+                        Err(refusal) => return self.common.refuse(&refusal),
+                    },
+                    None => placed.world_from_image,
+                };
+                let slice = Slice { image, time_ns: frame.time_ns, world_from_image };
                 let world = self.timed.route().world();
                 self.common.observers.iter().for_each(|observer| observer.slice(world, item, &slice));
                 return self.pass(item, slice, captured_ns);
@@ -251,15 +262,17 @@ impl<'a> Pairing<'a> {
         let Some(effect) = &placed.smoothing else { return };
         let is_due = self.common.status.lock().smoothing.as_mut().is_some_and(|account| account.count(effect));
         if is_due {
-            let sensors = self
-                .frames
-                .iter()
-                .enumerate()
-                .filter_map(|(at, [from, to])| SensorNoise::of([from, to], noise_of(self.timed.history(at)?)));
-            let sensors = sensors.collect();
-            if let Some(account) = &mut self.common.status.lock().smoothing {
-                account.sensors = sensors;
-            }
+            self.estimate_noise();
+        }
+    }
+
+    /// Estimates the noise of the sensors from their latest poses.
+    fn estimate_noise(&self) {
+        let noise =
+            |(at, [from, to]): (usize, &[String; 2])| SensorNoise::of([from, to], noise_of(self.timed.history(at)?));
+        let sensors = self.frames.iter().enumerate().filter_map(noise).collect();
+        if let Some(account) = &mut self.common.status.lock().smoothing {
+            account.sensors = sensors;
         }
     }
 

@@ -1,14 +1,17 @@
 //! Recorded decisions of a live session, and the differences found by its replay.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::de::DeserializeOwned;
 
 use drivers::replay::{SessionReplay, SessionSettings};
+use sonoweave_core::frames::{Image, Transform, World};
+use sonoweave_core::refusal::Refusal;
 use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 
+use super::corrected::CorrectedFrames;
 use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
 use super::digest::{DIGEST, ResultDigest};
 use super::event::{CLOCK, UNPAIRED};
@@ -51,6 +54,8 @@ pub struct RecordedDecisions {
     unpaired: u64,
     /// Whether frames that were dropped are dropped again.
     drops: bool,
+    /// Corrections, applied by the replay.
+    corrected: Option<CorrectedFrames>,
     differences: Mutex<Differences>,
 }
 
@@ -129,6 +134,41 @@ impl RecordedDecisions {
         self.drops = false;
     }
 
+    /// Returns the recorded poses of all frames that got one: pixels to world mm, three rows of
+    /// four.
+    pub fn placed_poses(&self) -> BTreeMap<u64, [f64; 12]> {
+        let placed = |(frame, was): (&u64, &Was)| Some((*frame, was.placed?.1.map(f64::from_bits)));
+        self.frames.iter().filter_map(placed).collect()
+    }
+
+    /// Returns the recorded times of all frames that got a pose, host ns.
+    pub fn placed_times_ns(&self) -> BTreeMap<u64, i64> {
+        self.frames.iter().filter_map(|(frame, was)| Some((*frame, was.placed?.0))).collect()
+    }
+
+    /// Lets the replay use corrected poses. Its outcome then is another one than the recorded, and
+    /// is not compared; the poses that it pairs still are.
+    pub fn correct(&mut self, corrected: CorrectedFrames) {
+        self.corrected = Some(corrected);
+    }
+
+    /// Returns the corrections that the replay applies.
+    pub fn corrections(&self) -> Option<&CorrectedFrames> {
+        self.corrected.as_ref()
+    }
+
+    /// Returns the pose of a frame that was paired with one.
+    ///
+    /// # Errors
+    /// The refusal of a frame that the corrections leave out, or for which they have no pose.
+    pub(super) fn corrected(
+        &self,
+        frame: u64,
+        paired: Transform<World, Image>,
+    ) -> Result<Transform<World, Image>, Refusal> {
+        self.corrected.as_ref().map_or(Ok(paired), |corrected| corrected.pose(frame, paired))
+    }
+
     /// Returns whether dropped frames are dropped again.
     pub(super) fn drops(&self) -> bool {
         self.drops
@@ -177,6 +217,9 @@ impl RecordedDecisions {
 
     /// Compares a frame's outcome with the recorded one.
     pub(super) fn decided(&self, item: u64, outcome: &FrameOutcome) {
+        if self.corrected.is_some() {
+            return;
+        }
         let Some(was) = self.frames.get(&item).and_then(|was| was.outcome.as_ref()) else { return };
         let (now, before) = (outcome.words(), was.words());
         if now == before || (!self.drops && matches!(was, FrameOutcome::Dropped(_))) {
@@ -187,7 +230,7 @@ impl RecordedDecisions {
 
     /// Compares the result with the recorded one.
     pub(super) fn compare_digest(&self, digest: &ResultDigest) {
-        let Some(was) = &self.digest else { return };
+        let Some(was) = self.digest.as_ref().filter(|_| self.corrected.is_none()) else { return };
         if !self.drops && self.dropped() > 0 {
             return;
         }

@@ -16,12 +16,6 @@ const OFFLINE: Smoothing = Smoothing { half_width_ns: 300 * MS, ahead_ns: 300 * 
 const LIVE: Smoothing = Smoothing { ahead_ns: 33_333_333, ..OFFLINE };
 
 impl Draws {
-    /// Standard normal, by Box and Muller.
-    fn normal(&mut self) -> f64 {
-        let radius = libm::sqrt(-2.0 * libm::log(1.0 - self.unit()));
-        radius * libm::cos(std::f64::consts::TAU * self.unit())
-    }
-
     fn normals(&mut self) -> DVec3 {
         DVec3::new(self.normal(), self.normal(), self.normal())
     }

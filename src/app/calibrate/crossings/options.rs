@@ -1,6 +1,6 @@
 //! Flags for the recording of a check, and for the calibration.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -16,4 +16,11 @@ pub(crate) struct Options {
     /// Calibration to check: our TOML or a PLUS XML [default: the session's]
     #[arg(short, long, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
+}
+
+impl Options {
+    /// Returns those for a session and its own calibration.
+    pub(crate) fn of_session(session: &Path) -> Self {
+        Self { sequence: None, session: Some(session.to_owned()), config: None }
+    }
 }

@@ -1,0 +1,24 @@
+//! Corrections of recorded sessions: decisions beside the readings, which never change them.
+//!
+//! A correction replaces the poses of a session's frames, or leaves frames out. It is computed
+//! once, by a method with settings, and its result is stored: a replay applies that, and an
+//! improved method changes no earlier session. Corrections stand in a fixed order: smoothing,
+//! calibration, gate. Each names the poses that it was computed from by their hash. If one before
+//! it is added or undone, these are others: the correction is stale, and is not applied.
+
+mod applied;
+pub(crate) mod calibration;
+mod file;
+pub(crate) mod gate;
+mod gating;
+mod note;
+mod options;
+mod poses;
+pub(crate) mod smoothing;
+mod standing;
+
+pub(crate) use applied::apply;
+pub(crate) use file::CorrectionFile;
+pub(crate) use note::{Correction, Kind};
+pub(crate) use options::{GateSignal, Settings};
+pub(crate) use standing::Standing;

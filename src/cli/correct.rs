@@ -1,0 +1,183 @@
+//! `sonoweave correct`: corrections of a recorded session.
+
+mod report;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use pipeline::session::RecordedDecisions;
+
+use super::{Failure, values};
+use crate::app::correct::{self, Correction, CorrectionFile, GateSignal, Settings, Standing};
+use crate::app::input;
+use crate::app::json::JsonFlag;
+use report::{List, Report};
+
+/// Flags of `correct`: the correction.
+#[derive(Debug, Subcommand)]
+pub enum Arguments {
+    /// List the corrections of a session: which are applied, and which are stale or undone
+    List(ListArguments),
+    /// Smooth the poses of a tracker's sensors, which averages their white noise out
+    Smoothing(SmoothingArguments),
+    /// Correct the probe's calibration and the latency by slices that cross
+    Calibration(CalibrationArguments),
+    /// Leave out the frames at which breathing displaces the body
+    Gate(GateArguments),
+    /// Undo a correction: the volume is then as it was before
+    Undo(UndoArguments),
+}
+
+/// Flags of `correct list`.
+#[derive(Debug, Args)]
+pub struct ListArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    #[command(flatten)]
+    json: JsonFlag,
+}
+
+/// Flags of `correct smoothing`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+The correction is stored in a file beside the session, SESSION.corrections.jsonl, with the poses that it results in. \
+Replays then use these. The session itself stays as it is.
+
+Example: sonoweave correct smoothing SESSION-20261121-213000.mcap")]
+pub struct SmoothingArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    /// Time before and after a frame over which poses are averaged, ms. The time used is shorter
+    /// where the probe moves fast
+    #[arg(long, value_name = "MS", default_value = "300", value_parser = half_width)]
+    half_width: f64,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
+/// Flags of `correct calibration`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+The session must have sweeps of the same place in three directions, as for `sonoweave calibrate crossings`. The \
+correction is stored beside the session, in SESSION.corrections.jsonl. It concerns this session alone: write a \
+calibration for the next ones by `sonoweave calibrate crossings -o`.
+
+Example: sonoweave correct calibration SESSION-20261121-213000.mcap")]
+pub struct CalibrationArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
+/// Flags of `correct gate`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+Frames are used around the end of breathing out, where a body rests longest. A Reference sensor on the body tells its \
+displacement; without one, the images do, if the probe moves slowly. Record 30 s or more, and several sweeps: while \
+the body is displaced, no frame is used.
+
+Example: sonoweave correct gate SESSION-20261121-213000.mcap --share 0.35")]
+pub struct GateArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    /// Share of the frames that is used, the least displaced ones
+    #[arg(long, value_name = "X", default_value = "0.35")]
+    share: f64,
+    /// Signal of the body's displacement [default: the Reference sensor, else the images]
+    #[arg(long, value_name = "SIGNAL")]
+    signal: Option<GateSignal>,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
+/// Flags of a correction's result.
+#[derive(Debug, Args)]
+struct StoringFlags {
+    /// Compute and report the correction, but do not store it
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    json: JsonFlag,
+}
+
+/// Flags of `correct undo`.
+#[derive(Debug, Args)]
+pub struct UndoArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    /// Number of the correction, as in the list
+    number: u64,
+}
+
+/// Parses the time over which poses are smoothed, which is not 0.
+fn half_width(text: &str) -> Result<f64, String> {
+    match values::smoothing(text).map_err(|why| why.to_string())? {
+        0.0 => Err("must not be 0, which smooths nothing".to_owned()),
+        ms => Ok(ms),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the session cannot be read, or its data do not determine the correction;
+/// nothing is stored then.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match arguments {
+        Arguments::List(ListArguments { session, json }) => {
+            let list = list(session)?;
+            print_line!("{}", list.text());
+            json.write(&list)
+        }
+        Arguments::Smoothing(SmoothingArguments { session, half_width, storing }) => {
+            check(session)?;
+            store(session, correct::smoothing::compute(session, *half_width)?, storing)
+        }
+        Arguments::Calibration(CalibrationArguments { session, storing }) => {
+            check(session)?;
+            store(session, correct::calibration::compute(session)?, storing)
+        }
+        Arguments::Gate(GateArguments { session, share, signal, storing }) => {
+            check(session)?;
+            let settings = Settings { share: *share, signal: *signal };
+            store(session, correct::gate::compute(session, &settings)?, storing)
+        }
+        Arguments::Undo(UndoArguments { session, number }) => {
+            check(session)?;
+            CorrectionFile::of(session)?.undo(*number)?;
+            print_line!("correction {number} is undone");
+            print_line!("{}", list(session)?.text());
+            Ok(())
+        }
+    }
+}
+
+fn check(session: &Path) -> Result<(), Failure> {
+    if input::is_session(session)? {
+        return Ok(());
+    }
+    fail!("{}: is not a session; give a recorded session (.mcap)", session.display())
+}
+
+/// Lists the corrections of a session.
+fn list(session: &Path) -> Result<List, Failure> {
+    check(session)?;
+    let standing = Standing::of(session, &RecordedDecisions::read(session)?)?;
+    Ok(List::new(&CorrectionFile::of(session)?, &standing))
+}
+
+/// Stores a correction, unless it is only to be reported.
+fn store(session: &Path, correction: Correction, flags: &StoringFlags) -> Result<(), Failure> {
+    let StoringFlags { dry_run, json } = flags;
+    json.check([session])?;
+    let mut file = CorrectionFile::of(session)?;
+    let mut report = Report::new(&correction, file.path());
+    let id = if *dry_run { None } else { Some(file.accept(correction)?) };
+    let stale: Vec<String> = Standing::of(session, &RecordedDecisions::read(session)?)?.stale().collect();
+    report.id = id;
+    report.stale = stale;
+    print_line!("{}", report.text());
+    json.write(&report)
+}

@@ -1,0 +1,137 @@
+//! Corrections of a recorded session: stored beside it, applied by replays, stale, and undone.
+
+use super::place::Place;
+
+/// A virtual bedside whose tracker has white noise, and whose patient breathes by ±2 mm each 4 s.
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "80x75"
+[volume]
+spacing_mm = 1.0
+[record]
+full_frame = true
+[virtual]
+scene = "blobs"
+trajectory = "three-directions"
+frames = 160
+gap_mm = 0.6
+pixel_mm = 0.6
+tracker_noise_mm = 0.3
+tracker_noise_deg = 0.3
+"#;
+
+/// Returns a number of the evidence of a report.
+fn evidence(place: &Place, report: &str, name: &str) -> f64 {
+    place.json(report)["evidence"][name].as_f64().unwrap_or_else(|| panic!("{report} has no {name}"))
+}
+
+#[test]
+fn corrections_are_applied_stale_and_undone() {
+    let place = Place::new();
+    let session = place.recorded(BEDSIDE, 20);
+    let recorded = std::fs::read(place.path(&session)).unwrap();
+    let replay = |volume: &str| place.run(&format!("replay {session} -o {volume} --weights w-{volume} --quiet"));
+    let volumes = |name: &str| [place.get(name), place.get(&format!("w-{name}"))];
+    assert_eq!(replay("before.mha").code, 0);
+    assert_eq!(place.does(&format!("correct list {session}")), "no corrections\n");
+
+    // Smoothing is tried, and then stored and applied.
+    let tried = place.does(&format!("correct smoothing {session} --dry-run"));
+    assert!(tried.ends_with("not stored\n") && !place.path(&session).with_extension("corrections.jsonl").exists());
+    let said = place.does(&format!("correct smoothing {session} --json=smoothing.json"));
+    assert!(said.contains("stored as correction 1 in SESSION-"), "{said}");
+    let [moved, error] = ["moved_rms_mm", "error_rms_mm"].map(|name| evidence(&place, "smoothing.json", name));
+    assert!((0.2..1.5).contains(&moved) && error < moved, "{moved} {error}");
+    let run = replay("smooth.mha");
+    assert!(run.code == 0 && run.stderr.contains("corrections applied: 1 smoothing"), "{}", run.stderr);
+    assert!(
+        run.stderr.contains("poses before their corrections are the same as in the live session"),
+        "{}",
+        run.stderr
+    );
+    assert!(volumes("before.mha") != volumes("smooth.mha"));
+    place.refuses_with(
+        &format!("correct smoothing {session}"),
+        &["correction 1 is a smoothing, too; run `sonoweave correct undo"],
+    );
+
+    // A gate stands on it.
+    place.does(&format!("correct gate {session} --share 0.4 --json=gate.json"));
+    let [period_s, share] =
+        [&place.json("gate.json")["evidence"]["breathing"]["period_s"], &place.json("gate.json")["settings"]["share"]]
+            .map(|number| number.as_f64().unwrap());
+    assert!((3.8..4.2).contains(&period_s) && share == 0.4, "{period_s} {share}");
+    let [used, all] = ["frames", "frames_before"].map(|name| evidence(&place, "gate.json", name));
+    assert!((used - 0.4 * all).abs() < 1.0, "{used} of {all}");
+    let run = place.run(&format!("replay {session} -o gated.mha --json=gated.json --quiet"));
+    assert!(run.stderr.contains("corrections applied: 1 smoothing, 2 gate"), "{}", run.stderr);
+    let frames = &place.json("gated.json")["frames"];
+    assert_eq!((frames["used"].as_f64(), frames["refused"]["gated"].as_f64()), (Some(used), Some(all - used)));
+    // Replays differ by no bit, for any number of threads. Headers and comparisons name them.
+    assert_eq!(place.run(&format!("replay {session} -o again.mha --quiet")).code, 0);
+    assert!(place.get("gated.mha") == place.get("again.mha"));
+    let compared = place.run("compare smooth.mha gated.mha").stdout;
+    assert!(compared.contains("SonoweaveCorrections: 1 smoothing | 1 smoothing, 2 gate"), "{compared}");
+
+    // Without the smoothing it is stale. Without both, the bits are those from before.
+    let said = place.does(&format!("correct undo {session} 1"));
+    assert!(said.contains("1  smoothing    undone") && said.contains("2  gate         stale"), "{said}");
+    let run = replay("stale.mha");
+    assert!(run.stderr.contains("correction 2 (gate) is stale and not applied"), "{}", run.stderr);
+    place.does(&format!("correct undo {session} 2"));
+    let run = replay("after.mha");
+    assert!(run.stderr.contains("the volume is the same as in the live session, bit by bit"), "{}", run.stderr);
+    assert!(volumes("before.mha") == volumes("after.mha") && volumes("before.mha") == volumes("stale.mha"));
+
+    // A result that another version has stored is applied, and said to differ.
+    place.does(&format!("correct smoothing {session} --half-width 100"));
+    let file = place.path(&session).with_extension("corrections.jsonl");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let last = text.lines().last().unwrap();
+    let mut line: serde_json::Value = serde_json::from_str(last).unwrap();
+    line["program"] = "0.0.1".into();
+    let x = line["correction"]["result"]["poses"][5][1][3].as_f64().unwrap();
+    line["correction"]["result"]["poses"][5][1][3] = (x + 2.0).into();
+    std::fs::write(&file, text.replace(last, &line.to_string())).unwrap();
+    let run = replay("other.mha");
+    let differs = ["correction 3 (smoothing) is applied as stored, by version 0.0.1", "up to 2.000 mm elsewhere"];
+    assert!(run.code == 0 && differs.iter().all(|part| run.stderr.contains(part)), "{}", run.stderr);
+    let run = place.run(&format!("replay {session} --as-recorded"));
+    assert!(
+        run.stderr.contains("same as in the live session") && !run.stderr.contains("corrections"),
+        "{}",
+        run.stderr
+    );
+    assert!(std::fs::read(place.path(&session)).unwrap() == recorded, "the session stays as it is");
+}
+
+#[test]
+fn what_cannot_be_corrected_is_refused() {
+    let place = Place::new();
+    // A body at rest: seven seconds are too few to tell.
+    let session = place.recorded(&BEDSIDE.replace("reference_station = 2\n", ""), 7);
+    let refused = [
+        ("gate SESSION --signal reference", "the session has no Reference sensor; give --signal images"),
+        ("gate SESSION --share 0.1", "the gate must use a share of 0.15 to 1 of the frames"),
+        ("gate SESSION", "no correction: "),
+        ("undo SESSION 1", "there is no correction 1 to undo; list them"),
+        ("smoothing bedside.toml", "bedside.toml: is not a session; give a recorded session"),
+    ];
+    for (words, says) in refused {
+        place.refuses_with(&format!("correct {}", words.replace("SESSION", &session)), &[says]);
+    }
+    for half_width in ["0", "5000", "x"] {
+        place.refuses_with(&format!("correct smoothing {session} --half-width {half_width}"), &[]);
+    }
+    assert!(!place.path(&session).with_extension("corrections.jsonl").exists());
+    // A damaged file of corrections.
+    place.put("bad.corrections.jsonl", "{}\n");
+    std::fs::copy(place.path(&session), place.path("bad.mcap")).unwrap();
+    place.refuses_with("replay bad.mcap", &["bad.corrections.jsonl: line 1: "]);
+}
