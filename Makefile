@@ -41,7 +41,7 @@ check: setup
 	.ci/run
 
 # Inserts errors into the source, which tests must notice. MUTANTS=share tries those of changed
-# files and a rotating tenth. FILTER=word tries those with that word in their names.
+# files and a rotating twentieth. FILTER=word tries those with that word in their names.
 MUTANTS ?= all
 mutants: setup
 	SONOWEAVE_MUTANTS=$(MUTANTS) cargo test $(PACKAGES) --test mutants -- --include-ignored $(if $(FILTER),"$(FILTER)")

@@ -25,10 +25,13 @@ use libtest_mimic::{Arguments, Failed, Trial};
 
 use build::{Build, Outcome, PATIENCE, PROCESSOR_SECONDS};
 use list::Mutant;
+use share::Choice;
 
 /// Data that all trials share.
 struct Work {
     mutants: Vec<Mutant>,
+    /// Places of those that are left out when the time is up.
+    if_time: BTreeSet<usize>,
     /// The build, made by the first trial.
     build: OnceLock<Result<Build, String>>,
     /// Runs of a suite and a filter without any mutant, each made by the first trial that needs
@@ -39,7 +42,7 @@ struct Work {
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
     let mutants = list::read();
-    let (chosen, line) = match share::chosen(&mutants) {
+    let Choice { all: chosen, if_time, line } = match share::chosen(&mutants) {
         Ok(choice) => choice,
         Err(problem) => {
             eprintln!("{problem}");
@@ -51,7 +54,7 @@ fn main() -> ExitCode {
     }
     let test = |number: &usize| (mutants[*number].suite.clone(), mutants[*number].test.clone());
     let baselines = chosen.iter().map(|number| (test(number), OnceLock::new())).collect();
-    let work = Arc::new(Work { mutants, build: OnceLock::new(), baselines });
+    let work = Arc::new(Work { mutants, if_time, build: OnceLock::new(), baselines });
     let trial = |number: usize| {
         let Mutant { name, suite, test, .. } = &work.mutants[number];
         let name = format!("{name} is noticed by {suite} {test} (make mutants)");
@@ -94,6 +97,10 @@ fn applied(mutants: &[Mutant]) -> Result<(), Failed> {
 impl Work {
     fn noticed(&self, number: usize) -> Result<(), Failed> {
         let mutant = &self.mutants[number];
+        if self.if_time.contains(&number) && share::is_time_up() {
+            println!("mutants: not tried, as the time is up: {:?}", mutant.name);
+            return Ok(());
+        }
         let build = once(&self.build, || {
             let suites: BTreeSet<&str> = self.baselines.keys().map(|(suite, _)| suite.as_str()).collect();
             Build::new(&self.mutants, &suites)

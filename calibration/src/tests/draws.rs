@@ -5,9 +5,3 @@
 pub(crate) fn draws(full: u64) -> u64 {
     if std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full") { full } else { full.div_ceil(4) }
 }
-
-/// Returns the number of cases of a test that takes long: all if the stress tests are full or
-/// quick, a quarter otherwise.
-pub(crate) fn long_draws(all: u64) -> u64 {
-    if std::env::var_os("SONOWEAVE_STRESS").is_some() { all } else { all.div_ceil(4) }
-}

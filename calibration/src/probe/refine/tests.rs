@@ -5,7 +5,7 @@ use crate::least_squares::tests::jacobian::check_jacobian;
 use crate::probe::linear::start;
 use crate::probe::plane::ImagePlane;
 use crate::tests::coverage::Coverage;
-use crate::tests::draws::long_draws;
+use crate::tests::draws::draws;
 use crate::tests::noise::{self, mahalanobis};
 use crate::tests::wire_scans::{Imperfect, SIZE_PX, Scan, places};
 
@@ -95,7 +95,7 @@ fn good_tracker_and_dots_give_fiftieth_of_mm() {
 #[test]
 fn predicted_error_matches_error() {
     let imperfect = Imperfect { position_mm: 0.3, turn_deg: 0.2, dot_px: 1.0, lag_s: 0.0 };
-    let seeds = long_draws(400);
+    let seeds = draws(400);
     let mut sums = [0.0; 5];
     let mut coverage = Coverage::new();
     for seed in 0..seeds {

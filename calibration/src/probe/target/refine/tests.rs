@@ -1,7 +1,7 @@
 use super::*;
 use crate::least_squares::tests::jacobian::check_jacobian;
 use crate::tests::coverage::Coverage;
-use crate::tests::draws::long_draws;
+use crate::tests::draws::draws;
 use crate::tests::noise::{Noise as Random, mahalanobis};
 use crate::tests::target_scans::{GOOD, Imperfect, Scan};
 use crate::tests::wire_scans::places;
@@ -77,7 +77,7 @@ fn exact_images_give_exact_plane() {
 
 #[test]
 fn predicted_error_matches_error() {
-    let seeds = long_draws(400);
+    let seeds = draws(400);
     for target in TARGETS {
         let imperfect =
             Imperfect { position_mm: 0.2, turn_deg: 0.1, seen_px: 2.0, across_mm: 0.5, ..Imperfect::default() };
