@@ -11,6 +11,7 @@ pub(crate) mod calibration;
 mod file;
 pub(crate) mod gate;
 mod gating;
+mod listed;
 mod note;
 mod options;
 mod poses;
@@ -19,6 +20,7 @@ mod standing;
 
 pub(crate) use applied::apply;
 pub(crate) use file::CorrectionFile;
+pub(crate) use listed::{Listed, State, change, list, standing};
 pub(crate) use note::{Correction, Kind};
 pub(crate) use options::{GateSignal, Settings};
 pub(crate) use standing::Standing;

@@ -164,8 +164,7 @@ fn check(session: &Path) -> Result<(), Failure> {
 /// Lists the corrections of a session.
 fn list(session: &Path) -> Result<List, Failure> {
     check(session)?;
-    let standing = Standing::of(session, &RecordedDecisions::read(session)?)?;
-    Ok(List::new(&CorrectionFile::of(session)?, &standing))
+    Ok(List::new(CorrectionFile::of(session)?.path(), correct::list(session)?))
 }
 
 /// Stores a correction, unless it is only to be reported.

@@ -138,6 +138,46 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   rmSync(folder, { recursive: true });
 });
 
+// Waits until a replay has ended with this many corrections and this last event.
+const corrected = (page, count, event) => until(page, ([count, event]) => {
+  const desk = window.sonoweave.account?.desk;
+  return desk?.phase === "over" && desk.replayed.corrections.length === count && new RegExp(event).test(desk.events.at(-1)?.says);
+}, count, event);
+
+test("the page corrects a recording, says why it cannot, and undoes the correction", async () => {
+  const folder = mkdtempSync(join(OUT, "session-"));
+  const live = await Session.noisy(folder);
+  const first = await open(live.address);
+  await until(first.page, () => window.sonoweave.account?.volume?.slices > 80);
+  await first.page.close();
+  await live.end();
+  const [recording] = readdirSync(folder).filter((name) => name.endsWith(".mcap"));
+  const session = await Session.replay(join(folder, recording), join(folder, "kept"));
+  const { page, complaints } = await open(session.address);
+  await steers(page, true);
+  await corrected(page, 0, "with the same outcome");
+  const before = (await account(page)).volume;
+  // Too few breaths: the reason is said, and nothing is stored.
+  await button(page, "Settings").click();
+  await button(page, "Gate by breathing").click();
+  await corrected(page, 0, "no correction: ");
+  // Smoothed poses.
+  await button(page, "Settings").click();
+  await button(page, "Smooth poses").click();
+  await corrected(page, 1, "with corrections \\(1 smoothing\\) has ended");
+  await button(page, "Settings").click();
+  await page.locator("#corrections-list", { hasText: "smoothing: " }).waitFor();
+  assert.ok(await button(page, "Smooth poses").isDisabled(), "there is one already");
+  await shot(page, "corrections");
+  assert.deepEqual(await audit(page), []);
+  await button(page, "Undo").click();
+  await corrected(page, 0, "with the same outcome");
+  assert.deepEqual((await account(page)).volume, before);
+  assert.deepEqual(complaints, []);
+  await session.end();
+  rmSync(folder, { recursive: true });
+});
+
 const HALF = `format = "sonoweave-calibration"
 version = 1
 

@@ -57,6 +57,13 @@ export class Session {
     return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
   }
 
+  /// The same with a tracker that has white noise.
+  static async noisy(folder) {
+    const config = small(folder, "20");
+    writeFileSync(config, readFileSync(config, "utf8").replace(/^\[virtual\].*$/m, "[virtual]\ntracker_noise_mm = 0.2\ntracker_noise_deg = 0.2"));
+    return Session.#run(null, ["live", "--config", config, "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
   /// Begins a session with frames rendered beforehand, so that rendering does not affect the
   /// measurement. `size` is the frames' size.
   static async painted(folder, size) {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use config::bedside::SettingsOverride;
 use pipeline::command::{Command, MaskChange};
+use pipeline::control::CorrectionRequest;
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
@@ -97,10 +98,27 @@ enum MessageJson {
         #[serde(default)]
         settings: SettingsOverride,
     },
+    /// Computes a correction of a recording, and stores it.
+    Correct {
+        by: Correction,
+    },
+    /// Undoes a correction of a recording.
+    Undo {
+        correction: u64,
+    },
     /// Shows a frame of a recording.
     Frame {
         number: u64,
     },
+}
+
+/// The method of a correction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Correction {
+    Smoothing,
+    Calibration,
+    Gate,
 }
 
 /// The part to reset. The transfer function is reset by an empty `Transfer`.
@@ -118,6 +136,8 @@ pub(super) enum ClientMessage {
     Command(Command),
     /// Replays a recording with its recorded settings, except for these.
     Replay(SettingsOverride),
+    /// Changes the corrections of a recording.
+    Correct(CorrectionRequest),
     /// Changes what all viewers see.
     View(ViewMessage),
     /// Concerns only the connection of the page that sends it.
@@ -202,6 +222,10 @@ impl ClientMessage {
             MessageJson::Mask { change } => Self::Command(Command::Mask(change)),
             MessageJson::Save {} => Self::Command(Command::Save),
             MessageJson::Again { settings } => Self::Replay(settings),
+            MessageJson::Correct { by: Correction::Smoothing } => Self::Correct(CorrectionRequest::Smoothing),
+            MessageJson::Correct { by: Correction::Calibration } => Self::Correct(CorrectionRequest::Calibration),
+            MessageJson::Correct { by: Correction::Gate } => Self::Correct(CorrectionRequest::Gate),
+            MessageJson::Undo { correction } => Self::Correct(CorrectionRequest::Undo(correction)),
         })
     }
 
@@ -215,6 +239,7 @@ impl ClientMessage {
         match self {
             Self::Command(command) => controller.execute(command).map(Some).map_err(RequestError::of_session),
             Self::Replay(settings) => controller.again(settings).map(Some).map_err(RequestError::of_session),
+            Self::Correct(request) => controller.correct(request).map(Some).map_err(RequestError::of_session),
             Self::View(ViewMessage::Steer(steer)) => broadcaster.steer(steer).map(|()| None),
             Self::View(ViewMessage::Move(planes)) => broadcaster.move_planes(planes).map(|()| None),
             Self::View(ViewMessage::Style(choice)) => broadcaster.choose(choice).map(|()| None),
@@ -266,6 +291,14 @@ mod tests {
         ] {
             assert_eq!(ClientMessage::parse(text), Ok(ClientMessage::Command(command)), "{text}");
         }
+        for (text, request) in [
+            ("{\"do\":\"correct\",\"by\":\"smoothing\"}", CorrectionRequest::Smoothing),
+            ("{\"do\":\"correct\",\"by\":\"calibration\"}", CorrectionRequest::Calibration),
+            ("{\"do\":\"correct\",\"by\":\"gate\"}", CorrectionRequest::Gate),
+            ("{\"do\":\"undo\",\"correction\":3}", CorrectionRequest::Undo(3)),
+        ] {
+            assert_eq!(ClientMessage::parse(text), Ok(ClientMessage::Correct(request)), "{text}");
+        }
         assert_eq!(ClientMessage::parse("{\"do\":\"control\"}"), Ok(ClientMessage::Page(PageMessage::Control)));
         let no_rectangle = "{\"do\":\"mask\",\"as\":{\"rectangle\":{\"x\":-1,\"y\":2,\"width\":3,\"height\":4}}}";
         let no_number =
@@ -278,6 +311,8 @@ mod tests {
             "{}",
             "{\"do\":\"reboot\"}",
             "{\"do\":\"freeze\"}",
+            "{\"do\":\"correct\"}",
+            "{\"do\":\"undo\",\"correction\":-1}",
             "{\"do\":\"save\",\"to\":\"/etc\"}",
             "[1]",
         ] {

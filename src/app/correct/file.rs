@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use formats::whole::{folder_of, sync_folder};
 use sonoweave_core::date::Date;
 
-use super::note::{Correction, Line, Note};
+use super::note::{Correction, Kind, Line, Note};
 use crate::app::provenance::program;
 use crate::failure::Failure;
 
@@ -91,13 +91,21 @@ impl CorrectionFile {
     /// # Errors
     /// [`Failure`] if a correction of its kind stands already, or the file cannot be written.
     pub(crate) fn accept(&mut self, correction: Correction) -> Result<u64, Failure> {
-        let kind = correction.kind;
-        if let Some((old, ..)) = self.all().find(|(old, _, stands)| *stands && old.kind == kind) {
-            fail!("correction {} is a {kind}, too; run `sonoweave correct undo SESSION {0}` before", old.id);
-        }
+        self.check(correction.kind)?;
         let id = self.last_id() + 1;
         self.add(Note::Correction(Box::new(Correction { id, ..correction })))?;
         Ok(id)
+    }
+
+    /// Checks before the work that no correction of a kind stands.
+    ///
+    /// # Errors
+    /// [`Failure`] with its number.
+    pub(crate) fn check(&self, kind: Kind) -> Result<(), Failure> {
+        if let Some((old, ..)) = self.all().find(|(old, _, stands)| *stands && old.kind == kind) {
+            fail!("correction {} is a {kind}, too; run `sonoweave correct undo SESSION {0}` before", old.id);
+        }
+        Ok(())
     }
 
     /// Undoes a correction.
@@ -131,7 +139,7 @@ impl CorrectionFile {
 mod tests {
     use std::fs;
 
-    use super::super::note::{CorrectionResult, Kind};
+    use super::super::note::CorrectionResult;
     use super::*;
 
     fn correction(kind: Kind) -> Correction {

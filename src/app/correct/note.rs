@@ -65,6 +65,35 @@ pub(crate) struct Correction {
     pub(crate) result: CorrectionResult,
 }
 
+impl Correction {
+    /// Returns the numbers by which it was judged, in words.
+    pub(crate) fn words(&self) -> String {
+        let number = |name: &str| self.evidence.get(name).and_then(Value::as_f64).unwrap_or(f64::NAN);
+        let motion_mm = |at: usize| {
+            let motion = self.evidence.get("motion_mm").and_then(|motion| motion.get(at)?.as_f64());
+            motion.unwrap_or(f64::NAN)
+        };
+        match &self.result {
+            CorrectionResult::Poses(poses) => format!(
+                "{} of {} frames have a pose; corners of images moved by {:.2} mm (rms; at most {:.2})",
+                poses.len(),
+                number("frames_before"),
+                number("moved_rms_mm"),
+                number("moved_most_mm")
+            ),
+            CorrectionResult::LeftOut(_) => format!(
+                "{} of {} frames are used; the body moves by {:.2} mm (standard deviation) in these, and by {:.2} mm \
+                 in all; a sweep at {:.1} mm/s leaves no holes",
+                number("frames"),
+                number("frames_before"),
+                motion_mm(1),
+                motion_mm(0),
+                number("speed_mm_s")
+            ),
+        }
+    }
+}
+
 /// Result of a correction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -7,13 +7,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use config::bedside::Bedside;
+use config::bedside::{Bedside, SettingsOverride};
 use console::Listen;
 use pipeline::command::{Command, Instruction};
-use pipeline::control::{Progress, Replayed, SessionController, ViewedFrame};
+use pipeline::control::{CorrectionRequest, Progress, Replayed, SessionController, ViewedFrame};
 use pipeline::session::{
-    Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session, SessionInputs,
-    SessionStatus, Source, ViewClient,
+    CorrectedFrames, Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session,
+    SessionInputs, SessionStatus, Source, ViewClient,
 };
 use pipeline::{CapturedFrame, Observer};
 use sonoweave_core::clock::Monotonic;
@@ -181,6 +181,9 @@ impl Showing<'_> {
         if *corrected {
             let other = (config.is_some() || is_tried).then_some(bedside);
             correct::apply(&mut chain, other)?.iter().for_each(|sentence| self.reporter.say(sentence));
+            if let Some(replayed) = self.controller.replayed() {
+                replayed.set_corrections(correct::standing(session)?);
+            }
         }
         let mut recorded = chain.recorded((config.is_some() || is_tried).then_some(bedside), *pace)?;
         let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
@@ -208,11 +211,19 @@ impl Showing<'_> {
     /// Reports the result of a complete replay.
     fn report(&self, ended: &EndedSession<'_>, differences: Option<&Differences>) {
         let slices = ended.status().ledger.frames.used;
+        let corrections = ended.decisions().and_then(RecordedDecisions::corrections);
         let (how, says) = match differences {
             None => (Progress::Done, format!("the replay with other settings has ended: {slices} slices")),
             Some(Differences { count: 0, .. }) => (
                 Progress::Done,
-                format!("the replay with the recorded settings ended with the same outcome: {slices} slices"),
+                match corrections {
+                    Some(CorrectedFrames { words, .. }) => {
+                        format!("the replay with corrections ({words}) has ended: {slices} slices")
+                    }
+                    None => {
+                        format!("the replay with the recorded settings ended with the same outcome: {slices} slices")
+                    }
+                },
             ),
             Some(Differences { count, first }) => (
                 Progress::Failed,
@@ -241,10 +252,30 @@ impl Showing<'_> {
                 {
                     controller.report(Progress::Failed, format!("frame {}: {why}", place + 1));
                 }
+                if let Some(request) = controller.replayed().and_then(Replayed::correction_requested) {
+                    self.correct(request);
+                }
                 instructions
             });
         }
         false
+    }
+
+    /// Changes the session's corrections, and begins its replay with them.
+    fn correct(&self, request: CorrectionRequest) {
+        let changed = match self.request.corrected {
+            true => correct::change(self.request.session, request),
+            false => Err(Failure::new("corrections are left out; begin the replay without --as-recorded")),
+        };
+        match changed {
+            Ok(says) => {
+                self.controller.report(Progress::Done, says);
+                if let Err(why) = self.controller.again(SettingsOverride::new()) {
+                    self.controller.report(Progress::Failed, why.to_string());
+                }
+            }
+            Err(Failure(Reason { sentence: why, .. })) => self.controller.report(Progress::Failed, why),
+        }
     }
 
     /// Shows a frame, by its place among all, and its position.

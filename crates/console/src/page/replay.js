@@ -28,6 +28,7 @@ export class Replay {
   #wanted = null;
   #scheduled = false;
   #inputs = new Map();
+  #listed = null;
   /// The object described above.
   open = { told: null, settings: null };
 
@@ -43,6 +44,7 @@ export class Replay {
     of("settings-open").addEventListener("click", () => this.#begin());
     of("settings-close").addEventListener("click", () => of("settings").close());
     of("settings-as-recorded").addEventListener("click", () => this.#again({}));
+    for (const by of ["smoothing", "calibration", "gate"]) of(`correct-${by}`).addEventListener("click", () => this.#correct({ do: "correct", by }));
     of("settings-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.#again(this.#changed());
@@ -107,11 +109,40 @@ export class Replay {
     if (says.textContent !== words) says.textContent = words;
     const described = seen ? words : "none";
     if (scrub.getAttribute("aria-valuetext") !== described) scrub.setAttribute("aria-valuetext", described);
+    this.#listCorrections(told.corrections, this.#steers && over);
     const tried = Object.keys(told.tried).length;
     const button = this.#of("settings-open");
     button.disabled = !this.#steers;
     button.setAttribute("aria-pressed", String(tried > 0));
     button.title = tried > 0 ? `Run by other settings: ${Object.entries(told.tried).map(([key, value]) => `${key} = ${JSON.stringify(value)}`).join(", ")}` : "Run this recording again by another calibration, latency, kernel or look";
+  }
+
+  // Lists the corrections that stand, each with a button to undo it.
+  #listCorrections(corrections, may) {
+    for (const by of ["smoothing", "calibration", "gate"]) this.#of(`correct-${by}`).disabled = !may || corrections.some(({ kind }) => kind === by);
+    const shown = JSON.stringify([corrections, may]);
+    if (shown === this.#listed) return;
+    this.#listed = shown;
+    const items = corrections.map(({ id, kind, is_stale: stale, words }) => {
+      const item = document.createElement("li");
+      item.classList.toggle("stale", stale);
+      const says = document.createElement("span");
+      says.textContent = stale ? `${kind}: not applied, as it was computed from other poses; undo it, and compute it again` : `${kind}: ${words}`;
+      const undo = document.createElement("button");
+      undo.type = "button";
+      undo.textContent = "Undo";
+      undo.title = `The volume is then as it was before the ${kind}`;
+      undo.disabled = !may;
+      undo.addEventListener("click", () => this.#correct({ do: "undo", correction: id }));
+      item.append(says, undo);
+      return item;
+    });
+    this.#of("corrections-list").replaceChildren(...items);
+  }
+
+  #correct(message) {
+    this.#says("");
+    this.#send(message);
   }
 
   async #begin() {

@@ -180,7 +180,7 @@ fn openapi_describes_every_path_and_command() {
                 "as" => what["oneOf"][0]["enum"][0].clone(),
                 "preset" => serde_json::json!("tissue"),
                 "settings" => serde_json::json!({ "volume.spacing_mm": 1 }),
-                "number" => serde_json::json!(1),
+                "number" | "correction" => serde_json::json!(1),
                 _ => what.get("const").or_else(|| what["enum"].get(0)).cloned().unwrap_or_else(|| {
                     if what["type"] == "boolean" { serde_json::json!(true) } else { serde_json::json!(0.5) }
                 }),

@@ -43,7 +43,7 @@ use crate::session::{NoVolume, Reader, SessionStatus, Snapshot, VolumeRequest};
 use crate::{MaskRefusal, MaskStatus};
 
 pub use refusal::{ControlError, SaveError};
-pub use replayed::{ReplayStatus, Replayed, ViewedFrame};
+pub use replayed::{CorrectionRequest, ListedCorrection, ReplayStatus, Replayed, ViewedFrame};
 
 /// Number of events reported.
 const EVENTS: usize = 8;
@@ -308,16 +308,31 @@ impl SessionController {
         Ok(text.into())
     }
 
+    /// Changes the corrections of a recorded session; the replay then begins again with them.
+    /// Returns a sentence.
+    ///
+    /// # Errors
+    /// [`ControlError`]; nothing has changed.
+    pub fn correct(&self, request: CorrectionRequest) -> Result<String, ControlError> {
+        self.over()?.request_correction(request);
+        Ok("the correction is being computed".into())
+    }
+
     /// Shows a frame of a recorded session, by its position among all, from 1.
     ///
     /// # Errors
     /// [`ControlError`]; nothing has changed.
     pub fn show_frame(&self, number: u64) -> Result<(), ControlError> {
+        self.over()?.request(number)
+    }
+
+    /// Returns the recorded session, if its replay has ended.
+    fn over(&self) -> Result<&Replayed, ControlError> {
         let Some(replayed) = &self.replayed else { return Err(ControlError::Live) };
         if self.state().phase != Phase::Over {
             return Err(ControlError::ReplayRunning);
         }
-        replayed.request(number)
+        Ok(replayed)
     }
 
     /// Returns the controller's status.

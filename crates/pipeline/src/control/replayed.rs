@@ -20,6 +20,32 @@ pub struct Replayed {
     state: Mutex<State>,
 }
 
+/// A requested change of a recording's corrections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CorrectionRequest {
+    /// Smooth the poses.
+    Smoothing,
+    /// Correct calibration and latency by crossing sweeps.
+    Calibration,
+    /// Leave frames out by breathing.
+    Gate,
+    /// Undo the correction of this number.
+    Undo(u64),
+}
+
+/// A correction that stands.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ListedCorrection {
+    /// Its number.
+    pub id: u64,
+    /// Its kind, such as `smoothing`.
+    pub kind: &'static str,
+    /// Whether it was computed from other poses than those before it now, and is not applied.
+    pub is_stale: bool,
+    /// The numbers by which it was judged, in words.
+    pub words: String,
+}
+
 #[derive(Debug, Default)]
 struct State {
     /// Settings override of the run being viewed.
@@ -27,6 +53,8 @@ struct State {
     /// The next settings override, and the resulting configuration.
     next: Option<(SettingsOverride, Bedside)>,
     requested: Option<u64>,
+    corrections: Vec<ListedCorrection>,
+    correction: Option<CorrectionRequest>,
     seen: Option<ViewedFrame>,
 }
 
@@ -53,6 +81,8 @@ pub struct ReplayStatus {
     /// Settings that override the recorded ones.
     #[serde(rename = "tried")]
     pub settings: SettingsOverride,
+    /// Corrections that stand.
+    pub corrections: Vec<ListedCorrection>,
 }
 
 impl Replayed {
@@ -73,7 +103,8 @@ impl Replayed {
     /// Returns the status.
     pub fn status(&self) -> ReplayStatus {
         let state = self.state();
-        ReplayStatus { frames: self.frames, seen: state.seen, settings: state.settings.clone() }
+        let (settings, corrections) = (state.settings.clone(), state.corrections.clone());
+        ReplayStatus { frames: self.frames, seen: state.seen, settings, corrections }
     }
 
     /// Prepares a replay with other settings; an empty `trial` means the recorded ones.
@@ -108,6 +139,21 @@ impl Replayed {
         }
         self.state().requested = Some(number);
         Ok(())
+    }
+
+    /// Requests a change of the corrections.
+    pub(super) fn request_correction(&self, request: CorrectionRequest) {
+        self.state().correction = Some(request);
+    }
+
+    /// Returns the requested change of the corrections, once per request.
+    pub fn correction_requested(&self) -> Option<CorrectionRequest> {
+        self.state().correction.take()
+    }
+
+    /// Records the corrections that stand.
+    pub fn set_corrections(&self, corrections: Vec<ListedCorrection>) {
+        self.state().corrections = corrections;
     }
 
     /// Returns the requested frame, its position from 0, once per request.

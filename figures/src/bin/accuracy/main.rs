@@ -14,10 +14,12 @@
 //! - [`kernels`]: errors by the kernel, with exact poses.
 //! - [`shadows`]: errors behind bone that some views see past.
 //! - [`crossings`]: calibrations by crossing sweeps, and alarms of slipped sensors.
+//! - [`breathing`]: gates by breathing, and gates of bodies at rest.
 //! - [`recordings`]: errors by the kernel, on recordings.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
+mod breathing;
 mod crossings;
 mod intervals;
 mod kernels;
@@ -76,6 +78,7 @@ fn run(sweeps: u64, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error
     shadows::compare(sweeps, &mut report, &mut figures)?;
     let quick = sweeps == 1;
     crossings::compare(sweeps, &mut report, &mut figures)?;
+    breathing::compare(sweeps, &mut report, &mut figures)?;
     recordings::compare(project, !quick, &mut report, &mut figures, folder)?;
     let run = json!({ "quick": quick, "figures": Value::Object(figures) });
     fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?;
