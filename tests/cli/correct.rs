@@ -73,7 +73,7 @@ fn corrections_are_applied_stale_and_undone() {
     assert!(run.stderr.contains("corrections applied: 1 smoothing, 2 gate"), "{}", run.stderr);
     let frames = &place.json("gated.json")["frames"];
     assert_eq!((frames["used"].as_f64(), frames["refused"]["gated"].as_f64()), (Some(used), Some(all - used)));
-    // Replays differ by no bit, for any number of threads. Headers and comparisons name them.
+    // A second replay has the same bits. Headers and comparisons name the corrections.
     assert_eq!(place.run(&format!("replay {session} -o again.mha --quiet")).code, 0);
     assert!(place.get("gated.mha") == place.get("again.mha"));
     let compared = place.run("compare smooth.mha gated.mha").stdout;

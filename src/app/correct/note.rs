@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use config::bedside::SettingsOverride;
 
-/// Name in the evidence of the root mean square error of the corrected poses at an image's corners.
+/// Name in the evidence of the corrected poses' error at an image's corners, root mean square.
 pub(crate) const ERROR_RMS_MM: &str = "error_rms_mm";
 
 /// Kinds of corrections, in the order in which they are applied.
