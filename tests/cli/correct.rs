@@ -3,6 +3,7 @@
 use super::place::Place;
 
 /// A virtual bedside whose tracker has white noise, and whose patient breathes by ±2 mm each 4 s.
+/// The sweep is repeated every 5 s, so that each place is seen at four phases of the breathing.
 const BEDSIDE: &str = r#"format = "sonoweave-bedside"
 version = 1
 [tracker]
@@ -19,7 +20,7 @@ full_frame = true
 [virtual]
 scene = "blobs"
 trajectory = "three-directions"
-frames = 160
+frames = 50
 gap_mm = 0.6
 pixel_mm = 0.6
 tracker_noise_mm = 0.3
@@ -67,6 +68,9 @@ fn corrections_are_applied_stale_and_undone() {
         [&place.json("gate.json")["evidence"]["breathing"]["period_s"], &place.json("gate.json")["settings"]["share"]]
             .map(|number| number.as_f64().unwrap());
     assert!((3.8..4.2).contains(&period_s) && share == 0.4, "{period_s} {share}");
+    let [all_mm, used_mm] =
+        [0, 1].map(|at| place.json("gate.json")["evidence"]["motion_mm"][at].as_f64().unwrap_or(f64::NAN));
+    assert!((1.2..1.6).contains(&all_mm) && used_mm < 0.5, "{all_mm} {used_mm}");
     let [used, all] = ["frames", "frames_before"].map(|name| evidence(&place, "gate.json", name));
     assert!((used - 0.4 * all).abs() < 1.0, "{used} of {all}");
     let run = place.run(&format!("replay {session} -o gated.mha --json=gated.json --quiet"));

@@ -138,3 +138,26 @@ fn holes(places: &[DVec3], accepted: &[bool]) -> f64 {
     let is_far = |place: &&DVec3| !used.iter().any(|other| other.distance(**place) <= bridged);
     places.iter().filter(is_far).count() as f64 / places.len().max(1) as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holes_are_places_farther_than_bridged() {
+        // A sweep of 100 frames, 0.1 mm apart: frames 30 to 69 are left out.
+        let places: Vec<DVec3> = (0..100).map(|at| DVec3::X * 0.1 * f64::from(at)).collect();
+        let mut accepted: Vec<bool> = (0..100).map(|at| !(30..70).contains(&at)).collect();
+        // The first and the last nine are nearer than 1 mm to an accepted one; rounding is allowed.
+        let share = holes(&places, &accepted);
+        assert!((0.19..=0.23).contains(&share), "{share}");
+        // A second pass fills them.
+        let places = [&places[..], &places[..]].concat();
+        accepted.extend([true; 100]);
+        assert_eq!(holes(&places, &accepted), 0.0);
+        // Frames 2 mm apart bridge more.
+        let places: Vec<DVec3> = (0..100).map(|at| DVec3::X * 2.0 * f64::from(at)).collect();
+        let accepted: Vec<bool> = (0..100).map(|at| !(30..34).contains(&at)).collect();
+        assert_eq!(holes(&places, &accepted), 0.0);
+    }
+}

@@ -149,7 +149,8 @@ impl Gate {
         let level = if signal.is_summed() { band.clone() } else { grid.smooth() };
         let side = periodic::rest_side(&band);
         let displaced: Vec<f64> = frames_s.iter().map(|time_s| side * grid.at(&level, *time_s)).collect();
-        let known = displaced.iter().filter(|value| value.is_finite());
+        // NaN beyond the signal's ends: such frames are left out.
+        let known = displaced.iter().filter(|value| !value.is_nan());
         let mut sorted: Vec<f64> = known.clone().copied().collect();
         sorted.sort_unstable_by(f64::total_cmp);
         let place = ((share * sorted.len() as f64).round() as usize).clamp(1, sorted.len().max(1)) - 1;

@@ -131,18 +131,18 @@ impl Grid {
     }
 
     /// Interpolates values at this grid's times to another time, s. Beyond the ends it returns
-    /// infinity: nothing is known there.
+    /// NaN: nothing is known there.
     pub(super) fn at(&self, values: &[f64], time_s: f64) -> f64 {
         let place = (time_s - self.begin_s) / STEP_S;
         let before = place.floor();
         if !(before >= 0.0) {
-            return f64::INFINITY;
+            return f64::NAN;
         }
         let index = before as usize;
         match (values.get(index), values.get(index + 1)) {
             (Some(left), Some(right)) => left + (right - left) * (place - before),
             (Some(left), None) if place == before => *left,
-            _ => f64::INFINITY,
+            _ => f64::NAN,
         }
     }
 }

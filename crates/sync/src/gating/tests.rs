@@ -100,6 +100,21 @@ fn breathing_of_6_mm_leaves_0_2_mm_in_35_percent_of_frames() {
 }
 
 #[test]
+fn frames_outside_the_signal_are_left_out() {
+    let seconds = 40.0;
+    let frames_s: Vec<f64> = (-30..(seconds * FRAMES) as i32 + 30).map(|at| f64::from(at) / FRAMES).collect();
+    // The body rests at the one or at the other end of the axis.
+    for mm in [6.0, -6.0] {
+        let mut draws = Draws::new(7);
+        let body = Body::new(&mut draws, seconds, (mm, 4.0), 0.0);
+        let gate = Gate::new(&body.sensed(&mut draws, seconds), &frames_s, SHARE).unwrap();
+        let (before, after) = (&gate.accepted[..30], &gate.accepted[gate.accepted.len() - 30..]);
+        assert!(!before.iter().chain(after).any(|is| *is), "{mm}");
+        assert!(gate.motion_mm[1] < 0.3 && gate.most_mm < 1.0, "{gate:?}");
+    }
+}
+
+#[test]
 fn body_at_rest_is_not_gated() {
     for (seconds, bodies) in [(20.0, 100), (40.0, 300)] {
         let frames_s = frames(seconds);
