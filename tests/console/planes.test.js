@@ -360,8 +360,34 @@ test("errors are laid over the planes on request, and the cross tells its grey v
   // A volume without errors has a value, and nothing to show.
   const plain = await planes();
   await plain.page.waitForFunction(() => /: grey [0-9]+$/.test(document.getElementById("planes-caption").textContent));
-  assert.equal(await plain.page.locator("#planes-errors").isVisible(), false);
+  for (const id of ["errors", "weak"]) assert.equal(await plain.page.locator(`#planes-${id}`).isVisible(), false);
   await close(plain);
+});
+
+test("places seen weakly are hatched on request where the volume weighs shadows", async () => {
+  const session = await Session.shadowed();
+  const seen = await showing(session.address, 40);
+  const { page } = seen;
+  const button = page.getByRole("button", { name: "Weakly seen" });
+  assert.equal(await button.getAttribute("aria-pressed"), "false");
+  const hatched = async () => (await Promise.all(Object.values(NAMES).map((name) => colours(page, name)))).reduce((sum, { other }) => sum + other, 0);
+  assert.equal(await hatched(), 0, "greys and the blue of unseen places only");
+  await button.click();
+  await until(page, 3, ({ weakly_seen }) => weakly_seen === true);
+  for (let n = 0; (await hatched()) < 50; n += 1) {
+    assert.ok(n < 300, "violet where only shadows were seen");
+    await page.waitForTimeout(100);
+  }
+  await shot(page, "planes-weakly-seen");
+  await button.click();
+  await until(page, 3, ({ weakly_seen }) => weakly_seen === false);
+  for (let n = 0; (await hatched()) > 0; n += 1) {
+    assert.ok(n < 300, "grey again");
+    await page.waitForTimeout(100);
+  }
+  assert.deepEqual(seen.complaints, []);
+  await close(seen);
+  await session.end();
 });
 
 test("who looks on sees the planes of who steers, and moves none", async () => {

@@ -42,6 +42,15 @@ export class Session {
     return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
   }
 
+  /// Begins a small session whose volume weighs the shadows of a thigh's bone.
+  static async shadowed() {
+    const place = mkdtempSync(join(OUT, "session-"));
+    const config = small(place, "8");
+    const text = readFileSync(config, "utf8").replace(/^\[volume\].*$/m, "[volume]\nshadow_weights = true").replace(/^scene = "doll"/m, 'scene = "thigh"');
+    writeFileSync(config, text);
+    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
   /// Begins a session that finds its mask by itself: a thigh, which fills the scanner's fan.
   static async searching() {
     const place = mkdtempSync(join(OUT, "session-"));

@@ -11,6 +11,8 @@ use glam::DVec3;
 use pipeline::session::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork, Readout};
 use reconstruct::PathReconstructor;
 use render::section::{Planar, Plane, Sampled};
+use volume::brick::VOXELS;
+use volume::read::{SEEN, Values as _};
 
 use crate::script::{begin, frames as all_frames, poses};
 use crate::set::{Set, frames};
@@ -33,6 +35,8 @@ struct Viewer {
     requested: AtomicU64,
     /// Whether standard errors are shown.
     errors: AtomicBool,
+    /// Whether places seen weakly are shown.
+    weakly_seen: AtomicBool,
     /// While this is set, the viewer blocks.
     stuck: AtomicBool,
     seen: Mutex<Vec<Seen>>,
@@ -45,6 +49,7 @@ struct Seen {
     sampled: Vec<Sampled>,
     errors: Vec<Sampled>,
     keeps_errors: bool,
+    weak: Option<f32>,
     readout: Option<Readout>,
     slices: u64,
     work: PlaneWork,
@@ -96,14 +101,20 @@ impl PlaneViewer for Viewer {
         self.errors.load(Ordering::Relaxed)
     }
 
+    fn shows_weakly_seen(&self) -> bool {
+        self.weakly_seen.load(Ordering::Relaxed)
+    }
+
     fn readout_at(&self, _: &Extent) -> DVec3 {
         PLACE
     }
 
     fn show_plane(&self, image: &PlaneImage<'_>) {
-        let PlaneImage { request, extent, sampled, errors, keeps_errors, readout, slices, work, .. } = *image;
+        let PlaneImage { request, extent, sampled, errors, keeps_errors, weighs_shadows, weak, .. } = *image;
+        let PlaneImage { readout, slices, work, .. } = *image;
+        let weak = weighs_shadows.then_some(weak);
         let (sampled, errors) = (sampled.to_vec(), errors.to_vec());
-        let seen = Seen { request, extent, sampled, errors, keeps_errors, readout, slices, work };
+        let seen = Seen { request, extent, sampled, errors, keeps_errors, weak, readout, slices, work };
         self.seen.lock().unwrap().push(seen);
         let begun = Instant::now();
         while self.stuck.load(Ordering::Relaxed) && begun.elapsed() < PATIENCE {
@@ -230,7 +241,7 @@ fn planes_have_standard_errors_when_asked() {
     let reconstructor = &finished.outcome.as_ref().unwrap().reconstructor;
     let errors = reconstructor.standard_errors(0.0).unwrap();
     are_the_volume_s(&viewer, &finished);
-    assert!(viewer.seen().iter().all(|seen| seen.keeps_errors));
+    assert!(viewer.seen().iter().all(|seen| seen.keeps_errors && seen.weak.is_none()));
     assert!(viewer.seen().iter().any(|seen| seen.errors.is_empty()), "before they were asked for");
     for number in [ACROSS, ALONG, OBLIQUE] {
         let last = viewer.of(number).pop().unwrap();
@@ -247,6 +258,33 @@ fn planes_have_standard_errors_when_asked() {
         let readout = last.readout.unwrap();
         assert_eq!(Some(readout.value), value_at_place(reconstructor), "{number}");
         assert!(readout.error.unwrap().standard_error > 0.0, "{readout:?}");
+    }
+}
+
+#[test]
+fn planes_tell_the_weight_below_which_places_are_weakly_seen() {
+    let viewer = Arc::new(Viewer { looks: true.into(), ..Viewer::default() });
+    let set = Set { shadow_weights: true, ..viewed_by(&viewer) };
+    let (finished, _) = set.until(|status, _| {
+        viewer.weakly_seen.store(status.ledger.frames.used > COUNT / 2, Ordering::Relaxed);
+        status.ledger.frames.used == COUNT
+    });
+    are_the_volume_s(&viewer, &finished);
+    let all: Vec<f32> = viewer.seen().iter().map(|seen| seen.weak.unwrap()).collect();
+    assert_eq!(all[0], 0.0, "before it was asked for");
+    // The planes through the middle have the weights of the whole volume.
+    let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
+    let mut weights = Vec::new();
+    for brick in volume.bricks() {
+        let [mut values, mut of_brick] = [[0.0; VOXELS]; 2];
+        volume.brick(brick, &mut values, &mut of_brick);
+        weights.extend(of_brick.into_iter().filter(|weight| *weight > SEEN));
+    }
+    weights.sort_unstable_by(f32::total_cmp);
+    let expected = 0.05 * weights[weights.len() / 2];
+    for number in [ALONG, OBLIQUE] {
+        let weak = viewer.of(number).pop().unwrap().weak.unwrap();
+        assert!((weak / expected - 1.0).abs() < 0.3, "{number}: {weak} {expected}");
     }
 }
 

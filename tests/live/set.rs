@@ -14,9 +14,9 @@ use pipeline::session::{
     DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice, SessionInputs,
     SessionStatus, Source, ViewClient, Watch, Written, record_only, run,
 };
-use reconstruct::Settings;
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::PlanarSettings;
+use reconstruct::{Settings, ShadowWeights};
 use sonoweave_core::Device;
 use sonoweave_core::clock::{MS, Monotonic, SECOND};
 use sonoweave_core::ledger::Frames;
@@ -50,6 +50,8 @@ pub(crate) struct Set {
     pub(crate) smoothing: Option<Smoothing>,
     /// Whether the volume keeps standard errors.
     pub(crate) standard_error: bool,
+    /// Whether the volume weighs pixels by the shadows that they lie in.
+    pub(crate) shadow_weights: bool,
 }
 
 /// Observed status.
@@ -108,6 +110,7 @@ impl Set {
             watch: None,
             smoothing: None,
             standard_error: false,
+            shadow_weights: false,
         }
     }
 
@@ -147,6 +150,7 @@ impl Set {
         let smoothing = self.smoothing;
         let mut session = Session { watch, plane_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
         session.settings.standard_error = self.standard_error;
+        session.settings.shadow_weights = self.shadow_weights.then(ShadowWeights::default);
         let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();

@@ -23,6 +23,7 @@ use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
 use super::orbit_camera::{OrbitCamera, Steer};
 use super::pick::{Answer, Picks};
+use super::plane_colours;
 use super::planes::{self, Move, Planes};
 use super::request_error::RequestError;
 use super::style::{Choice, ConfiguredStyle, PresentStyle};
@@ -323,6 +324,10 @@ impl PlaneViewer for FrameBroadcaster {
         self.planes().shows_errors()
     }
 
+    fn shows_weakly_seen(&self) -> bool {
+        self.planes().shows_weakly_seen()
+    }
+
     fn readout_at(&self, extent: &Extent) -> DVec3 {
         self.planes().cross(extent)
     }
@@ -334,7 +339,7 @@ impl PlaneViewer for FrameBroadcaster {
             planes.show(&image.request);
             planes.window()
         };
-        let pixels = planes::coloured(image.sampled, image.errors, size[0], window);
+        let pixels = plane_colours::coloured(image, window);
         let times = (image.item, image.captured_ns.map(unix_ms));
         self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().to_json(image, sequence)));
     }
@@ -342,7 +347,7 @@ impl PlaneViewer for FrameBroadcaster {
     fn nothing(&self, why: &str) {
         self.planes().without();
         for kind in planes::KINDS.into_iter().filter(|kind| self.is_viewed(*kind)) {
-            let pixel = Pixmap::Colour(planes::unseen(0, 0).into());
+            let pixel = Pixmap::Colour(plane_colours::unseen(0, 0).into());
             let words =
                 |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
             self.show(kind, [1, 1], pixel, (0, None), false, |sequence| Some(words(sequence)));

@@ -42,6 +42,7 @@ pub mod orbit_camera;
 pub mod origin;
 mod page;
 mod pick;
+mod plane_colours;
 pub mod planes;
 mod quality;
 mod request_error;

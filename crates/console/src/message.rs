@@ -18,7 +18,7 @@ use super::style::Choice;
 
 /// A message's JSON form.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 enum MessageJson {
     Show {
         slice: bool,
@@ -65,6 +65,10 @@ enum MessageJson {
     },
     /// Shows or hides the standard errors of the planes' voxels.
     Errors {
+        on: bool,
+    },
+    /// Shows or hides which places were seen weakly.
+    WeaklySeen {
         on: bool,
     },
     /// Sets the style of the volume's picture: a preset or the configured transfer function,
@@ -209,6 +213,7 @@ impl ClientMessage {
             MessageJson::Tilt { right, up, clockwise } => Move::Tilt { right, up, clockwise }.into(),
             MessageJson::Window { black, white } => Move::Window([black, white]).into(),
             MessageJson::Errors { on } => Move::Errors(on).into(),
+            MessageJson::WeaklySeen { on } => Move::WeaklySeen(on).into(),
             MessageJson::Reset { of: Reset::Planes } => Move::Home.into(),
             MessageJson::Reset { of: Reset::Window } => Move::HomeWindow.into(),
             MessageJson::Transfer { preset, points } => Self::View(ViewMessage::Style(Choice { preset, points })),

@@ -4,11 +4,10 @@
 use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
-use export::panel::grey;
 use pipeline::session::{Extent, PlaneImage, PlaneRequest, Readout};
 use render::section::{Plane, Sampled, Section};
 
-use super::encoded_frame::{Kind, Pixmap};
+use super::encoded_frame::Kind;
 use super::request_error::RequestError;
 
 /// Most pixels along a side.
@@ -22,17 +21,6 @@ const MOST_TURN: f64 = 360.0;
 const MOST_GREY: f64 = 1e6;
 /// Number of histogram bins.
 const BINS: usize = 64;
-/// Unseen pixels are not grey but dark blue, hatched with a brighter blue.
-const UNSEEN: [u8; 3] = [27, 42, 58];
-const HATCH: [u8; 3] = [52, 82, 110];
-/// Colour and largest opacity of uncertain pixels.
-const WASH: [u8; 3] = [255, 122, 0];
-const MOST_WASH: f32 = 0.75;
-/// Standard error at which it is reached, as a part of the window.
-const FULL: f32 = 0.05;
-/// Period of the hatch and width of its lines, pixels.
-const HATCHED: [u32; 2] = [8, 2];
-
 /// The planes in the order of their numbers.
 pub(super) const KINDS: [Kind; 4] = [Kind::AcrossZ, Kind::AcrossY, Kind::AcrossX, Kind::Free];
 /// Volume axes that run right and down in the first three planes, as in the pictures of
@@ -62,6 +50,8 @@ pub enum Move {
     HomeWindow,
     /// Shows or hides the standard errors of the planes' voxels.
     Errors(bool),
+    /// Shows or hides which places were seen weakly, in shadows only.
+    WeaklySeen(bool),
 }
 
 /// Position and style of the planes.
@@ -83,6 +73,7 @@ pub struct Planes {
     /// Number of changes of the window and of what is shown.
     style_changes: u64,
     shows_errors: bool,
+    shows_weakly_seen: bool,
 }
 
 impl Default for Planes {
@@ -97,6 +88,7 @@ impl Default for Planes {
             turn: 0,
             style_changes: 0,
             shows_errors: false,
+            shows_weakly_seen: false,
         }
     }
 }
@@ -124,6 +116,11 @@ impl Planes {
     /// Returns whether the planes are shown with standard errors.
     pub(super) fn shows_errors(&self) -> bool {
         self.shows_errors
+    }
+
+    /// Returns whether the planes are shown with the places seen weakly.
+    pub(super) fn shows_weakly_seen(&self) -> bool {
+        self.shows_weakly_seen
     }
 
     /// Returns the crossing point of all planes, which is always inside the volume.
@@ -211,6 +208,10 @@ impl Planes {
                 self.shows_errors = shown;
                 self.style_changes += 1;
             }
+            Move::WeaklySeen(shown) => {
+                self.shows_weakly_seen = shown;
+                self.style_changes += 1;
+            }
             Move::HomeWindow => {
                 self.window = None;
                 self.style_changes += 1;
@@ -241,7 +242,7 @@ impl Planes {
 
     /// Returns the description that precedes a plane's picture.
     pub(super) fn to_json(&self, image: &PlaneImage<'_>, sequence: u32) -> Value {
-        let PlaneImage { request, extent, sampled, slices, work, keeps_errors, readout, .. } = image;
+        let PlaneImage { request, extent, sampled, slices, work, keeps_errors, weighs_shadows, readout, .. } = image;
         let readout = readout.map(|Readout { value, error }| {
             let interval = error.map(|error| error.half_width_95());
             json!({ "value": value, "error": interval, "slices": error.map(|error| error.slices) })
@@ -267,6 +268,7 @@ impl Planes {
             "cross": self.cross(extent).to_array(),
             "voxel": readout,
             "errors": keeps_errors.then_some(self.shows_errors),
+            "weakly_seen": weighs_shadows.then_some(self.shows_weakly_seen),
             "home": self.cross.is_none() && self.free.is_none(),
             "window": self.window(),
             "levels": extent.grey_levels,
@@ -284,40 +286,6 @@ fn turned([right, down]: [DVec3; 2], right_deg: f64, up_deg: f64, clockwise_deg:
         * DQuat::from_axis_angle(right, up_deg.to_radians())
         * DQuat::from_axis_angle(forward, -clockwise_deg.to_radians());
     squared(by * right, by * down)
-}
-
-/// Returns red, green and blue of a plane's pixels, under their standard errors if there are any.
-pub(super) fn coloured(sampled: &[Sampled], errors: &[Sampled], width: u32, window: [f32; 2]) -> Pixmap {
-    let mut pixels = Vec::with_capacity(3 * sampled.len());
-    let (mut i, mut j) = (0, 0);
-    let mut errors = errors.iter();
-    for sampled in sampled {
-        let error = errors.next();
-        pixels.extend(match sampled.is_seen() {
-            true => washed(grey(sampled.value, window), error.map_or(0.0, |error| error.value), window),
-            false => unseen(i, j),
-        });
-        i += 1;
-        if i == width {
-            (i, j) = (0, j + 1);
-        }
-    }
-    Pixmap::Colour(pixels.into())
-}
-
-/// Returns the colour of a grey pixel: the larger its standard error, the more orange.
-fn washed(grey: u8, error: f32, [black, white]: [f32; 2]) -> [u8; 3] {
-    let share = (error / (FULL * (white - black))).clamp(0.0, 1.0) * MOST_WASH;
-    [0, 1, 2].map(|channel| {
-        let (from, to) = (f32::from(grey), f32::from(WASH[channel]));
-        (from + share * (to - from)).round() as u8
-    })
-}
-
-/// Returns the colour of an unseen pixel.
-pub(super) fn unseen(i: u32, j: u32) -> [u8; 3] {
-    let [apart, thick] = HATCHED;
-    if (i + j) % apart < thick { HATCH } else { UNSEEN }
 }
 
 /// Returns the grey value histogram of the seen pixels; values outside the range count in the
@@ -451,30 +419,10 @@ mod tests {
     }
 
     #[test]
-    fn plane_colours_seen_grey_and_unseen_hatched() {
+    fn plane_has_histogram_and_a_window_that_holds() {
         let seen = |value| Sampled { value, weight: 1.0, share: 1.0 };
         let sampled: Vec<Sampled> =
             (0..40).map(|n| if n % 2 == 0 { seen(n as f32) } else { Sampled::UNSEEN }).collect();
-        let colours = |errors: &[Sampled], window| match coloured(&sampled, errors, 10, window) {
-            Pixmap::Colour(pixels) => pixels.to_vec(),
-            Pixmap::Grey(_) => panic!("colours"),
-        };
-        // A standard error of 5 % of the window is as orange as pixels get.
-        let errors: Vec<Sampled> = (0..40).map(|n| seen(if n == 20 { 1.0 } else { 0.0 })).collect();
-        let washed = colours(&errors, [10.0, 30.0]);
-        let pixels = colours(&[], [10.0, 30.0]);
-        assert_eq!(washed[60..63], [223, 124, 32]);
-        assert!(washed[..60] == pixels[..60] && washed[63..] == pixels[63..]);
-        let pixel = |n: usize| [pixels[3 * n], pixels[3 * n + 1], pixels[3 * n + 2]];
-        assert_eq!(
-            [pixel(0), pixel(10), pixel(20), pixel(30), pixel(38)],
-            [[0; 3], [0; 3], [128; 3], [255; 3], [255; 3]]
-        );
-        for n in (1..40).step_by(2) {
-            let [r, g, b] = pixel(n);
-            assert!(b > g && g > r && r > 0, "{n}: blue, and not black");
-        }
-        assert_eq!((pixel(1), pixel(3)), (HATCH, UNSEEN));
         // Every second of the 40 pixels is seen.
         let counts = histogram(&sampled, [0.0, 255.0]);
         assert_eq!(counts.iter().sum::<u32>(), 20);
@@ -496,6 +444,8 @@ mod tests {
             sampled: &sampled,
             errors: &[],
             keeps_errors: true,
+            weighs_shadows: true,
+            weak: 0.0,
             readout: Some(Readout { value: 81.5, error: None }),
             slices: 5,
             item: 6,
@@ -513,8 +463,14 @@ mod tests {
         planes.steer(Move::Errors(true)).unwrap();
         assert_ne!(all(&mut planes)[0].style, after[0].style, "the picture is drawn again");
         assert_eq!(planes.to_json(&image, 9)["plane"]["errors"], json!(true));
-        let without = PlaneImage { keeps_errors: false, readout: None, ..image };
+        assert_eq!(planes.to_json(&image, 9)["plane"]["weakly_seen"], json!(false));
+        let before = all(&mut planes)[0].style;
+        planes.steer(Move::WeaklySeen(true)).unwrap();
+        assert!(all(&mut planes)[0].style != before && planes.shows_weakly_seen());
+        assert_eq!(planes.to_json(&image, 9)["plane"]["weakly_seen"], json!(true));
+        let without = PlaneImage { keeps_errors: false, weighs_shadows: false, readout: None, ..image };
         let told = planes.to_json(&without, 9);
-        assert!(told["plane"]["errors"].is_null() && told["plane"]["voxel"].is_null());
+        let plane = &told["plane"];
+        assert!(["errors", "weakly_seen", "voxel"].iter().all(|name| plane[name].is_null()), "{plane}");
     }
 }

@@ -16,6 +16,9 @@ const OWN = 5000;
 // Tolerance for recognising the confirmed position, mm.
 const SAME = 1e-6;
 
+// Overlays of the planes: the buttons' ids, and the names in commands and descriptions.
+const OVERLAYS = { "planes-errors": "errors", "planes-weak": "weakly_seen" };
+
 export const KINDS = Object.keys(LOOKS).map(Number);
 
 // Says a voxel's grey value, with its 95 % interval if that is known.
@@ -82,7 +85,9 @@ export class Planes {
     this.#levels = new Levels({ room: of("levels-room"), preset: of("levels-preset"), says: of("levels-says"), greys: of("levels-greys"), looks: of("levels-looks") }, send);
     of("planes-open").addEventListener("click", () => this.toggle());
     of("planes-home").addEventListener("click", () => this.#home());
-    of("planes-errors").addEventListener("click", () => this.#send({ do: "errors", on: of("planes-errors").getAttribute("aria-pressed") !== "true" }));
+    for (const [id, what] of Object.entries(OVERLAYS)) {
+      of(id).addEventListener("click", () => this.#send({ do: what, on: of(id).getAttribute("aria-pressed") !== "true" }));
+    }
     this.control(null);
   }
 
@@ -101,7 +106,7 @@ export class Planes {
   /// Sets whether this page has control: true, false, or null while unknown.
   control(steers) {
     this.#steers = steers === true;
-    for (const name of ["planes-home", "planes-errors"]) this.#of(name).disabled = !this.#steers;
+    for (const name of ["planes-home", ...Object.keys(OVERLAYS)]) this.#of(name).disabled = !this.#steers;
     for (const plane of Object.values(this.#planes)) plane.control(this.#steers);
     this.#levels.control(this.#steers);
   }
@@ -177,12 +182,14 @@ export class Planes {
     this.#caption();
   }
 
-  // Takes the voxel at the crossing point, and whether errors are kept and shown.
-  #read({ cross, voxel, errors }) {
+  // Takes the voxel at the crossing point, and which overlays there are and are shown.
+  #read({ cross, voxel, ...lies }) {
     this.#voxel = voxel && { ...voxel, cross };
-    const button = this.#of("planes-errors");
-    button.hidden = errors === null;
-    button.setAttribute("aria-pressed", String(errors === true));
+    for (const [id, what] of Object.entries(OVERLAYS)) {
+      const button = this.#of(id);
+      button.hidden = lies[what] === null;
+      button.setAttribute("aria-pressed", String(lies[what] === true));
+    }
     if (this.#cross) this.#caption();
   }
 

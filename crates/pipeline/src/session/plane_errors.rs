@@ -31,6 +31,13 @@ pub struct Readout {
     pub error: Option<VoxelError>,
 }
 
+/// Properties of the volume that planes show, and its voxel at a place.
+pub(super) struct VolumeReadout {
+    pub(super) keeps_errors: bool,
+    pub(super) weighs_shadows: bool,
+    pub(super) voxel: Option<Readout>,
+}
+
 /// The errors' copied bricks, and the noise that they depend on.
 #[derive(Default)]
 pub(super) struct PlaneErrors {
@@ -76,16 +83,21 @@ impl PlaneErrors {
         bricks.iter().for_each(|brick| self.subset.put(*brick, BrickCopy::of(&errors, *brick)));
     }
 
-    /// Returns whether the volume keeps errors, and the voxel around a place, world mm.
-    pub(super) fn readout(&mut self, shared: &Shared, place: DVec3) -> (bool, Option<Readout>) {
+    /// Reads the volume's properties, and the voxel around a place, world mm.
+    pub(super) fn readout(&mut self, shared: &Shared, place: DVec3) -> VolumeReadout {
         let state = shared.lock();
-        let Some(reconstructor) = state.inserter.reconstructor() else { return (false, None) };
+        let Some(reconstructor) = state.inserter.reconstructor() else {
+            return VolumeReadout { keeps_errors: false, weighs_shadows: false, voxel: None };
+        };
         let lattice = reconstructor.world_from_lattice().affine().inverse().transform_point3(place);
         let voxel = lattice.round().to_array().map(|x| x as i64);
         let (r, w) = reconstructor.volume().voxel(voxel);
         let mut error = || self.of(reconstructor)?.at(voxel);
-        let readout = (w > SEEN).then(|| Readout { value: r / w, error: error() });
-        (reconstructor.keeping_errors().is_some(), readout)
+        VolumeReadout {
+            keeps_errors: reconstructor.keeping_errors().is_some(),
+            weighs_shadows: reconstructor.settings().shadow_weights.is_some(),
+            voxel: (w > SEEN).then(|| Readout { value: r / w, error: error() }),
+        }
     }
 
     /// Samples the errors in a plane; empty unless they are shown.

@@ -18,7 +18,7 @@ use volume::read::Values as _;
 
 use super::brick_subset::{BrickCopy, BrickSubset, Known, PlaneFootprint};
 use super::changes::Changes;
-use super::plane_errors::{PlaneErrors, Readout};
+use super::plane_errors::{PlaneErrors, Readout, VolumeReadout};
 use super::shared_volume::{FirstSlice, Shared, SharedVolume};
 use super::status::StatusCollector;
 
@@ -49,6 +49,9 @@ pub trait PlaneViewer: Send + Sync {
 
     /// Returns whether planes are shown with the standard errors of their voxels.
     fn shows_errors(&self) -> bool;
+
+    /// Returns whether planes are shown with the places seen weakly, in shadows only.
+    fn shows_weakly_seen(&self) -> bool;
 
     /// Returns the place whose voxel is read out, world mm, in a volume of this extent.
     fn readout_at(&self, extent: &Extent) -> DVec3;
@@ -97,6 +100,10 @@ pub struct PlaneImage<'a> {
     pub errors: &'a [Sampled],
     /// Whether the volume keeps standard errors.
     pub keeps_errors: bool,
+    /// Whether the volume weighs pixels by the shadows that they lie in.
+    pub weighs_shadows: bool,
+    /// Weight below which a pixel was seen weakly; 0 unless that is shown.
+    pub weak: f32,
     /// The voxel at the place that is read out; `None` if it is unseen.
     pub readout: Option<Readout>,
     /// Slices in the volume.
@@ -119,6 +126,9 @@ pub struct PlaneWork {
     /// Planes shown.
     pub shown: u64,
 }
+
+/// Weight below which a place was seen weakly, as a share of the median in the planes' bricks.
+const WEAK: f32 = 0.05;
 
 /// First and last brick of a box, both inclusive.
 type Span = [[i64; 3]; 2];
@@ -302,7 +312,10 @@ impl Planes {
             ));
         }
         self.read(shared, &first_slice, &fresh);
-        let (keeps_errors, readout) = self.errors.readout(shared, viewer.readout_at(&extent));
+        let VolumeReadout { keeps_errors, weighs_shadows, voxel: readout } =
+            self.errors.readout(shared, viewer.readout_at(&extent));
+        let shows_weak = weighs_shadows && viewer.shows_weakly_seen();
+        let weak = if shows_weak { WEAK * self.subset.median_weight() } else { 0.0 };
         self.nothing.clear();
         for ((plane, footprint), moved) in requested.into_iter().zip(footprints).zip(moved) {
             let hit: Vec<_> = match moved {
@@ -325,6 +338,8 @@ impl Planes {
                     sampled,
                     errors,
                     keeps_errors,
+                    weighs_shadows,
+                    weak,
                     readout,
                     slices,
                     item,

@@ -54,6 +54,8 @@ fn cut(session: &Session, slices: u64) -> Vec<PlaneRequest> {
             sampled: &sampled,
             errors: &[],
             keeps_errors: false,
+            weighs_shadows: false,
+            weak: 0.0,
             readout: None,
             slices,
             item: 4,
