@@ -3,6 +3,7 @@
 pub(crate) mod beside;
 pub(crate) mod filling;
 pub(crate) mod first_moment;
+pub(crate) mod leave_one_out;
 pub(crate) mod origin;
 pub(crate) mod outputs;
 pub(crate) mod regions;

@@ -33,6 +33,7 @@ mod init;
 mod inspect;
 mod interface;
 mod latency;
+mod leave_one_out;
 mod live;
 mod modes;
 mod ome_zarr;

@@ -165,9 +165,24 @@ pub fn speed(text: &str) -> Result<Pace, Error> {
     }
 }
 
-/// Parses three positive lengths, or `auto` (`None`).
-pub fn sigma(text: &str) -> Result<Option<[f64; 3]>, Error> {
-    if text.trim() == "auto" { Ok(None) } else { lengths(text).map(Some) }
+/// Choice of the kernel's widths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SigmaChoice {
+    /// The default in the plane; across it, by the gaps between slices.
+    Auto,
+    /// Those that predict slices best from all others.
+    LeaveOneOut,
+    /// σ along u, v and the slice's normal, mm.
+    Given([f64; 3]),
+}
+
+/// Parses three positive lengths, `auto` or `leave-one-out`.
+pub fn sigma(text: &str) -> Result<SigmaChoice, Error> {
+    match text.trim() {
+        "auto" => Ok(SigmaChoice::Auto),
+        "leave-one-out" => Ok(SigmaChoice::LeaveOneOut),
+        text => lengths(text).map(SigmaChoice::Given),
+    }
 }
 
 /// Parses three positive lengths.
@@ -268,8 +283,9 @@ mod tests {
             (Some([30.0, -20.0, 0.0]), Some([30.0, -20.0, 5.0]))
         );
         assert_eq!(colour("0,0.5,1").ok(), Some([0.0, 0.5, 1.0]));
-        assert_eq!(sigma("auto").ok(), Some(None));
-        assert_eq!(sigma("0.3,0.3,1").ok(), Some(Some([0.3, 0.3, 1.0])));
+        assert_eq!(sigma("auto").ok(), Some(SigmaChoice::Auto));
+        assert_eq!(sigma(" leave-one-out").ok(), Some(SigmaChoice::LeaveOneOut));
+        assert_eq!(sigma("0.3,0.3,1").ok(), Some(SigmaChoice::Given([0.3, 0.3, 1.0])));
         assert_eq!(window("-10,250").ok(), Some([-10.0, 250.0]));
         assert_eq!(supports("peak=0.01").ok(), Some([Support::Peak(0.01); 2]));
         assert_eq!(supports("energy=0.001, peak=0.1").ok(), Some([Support::Energy(0.001), Support::Peak(0.1)]));

@@ -21,12 +21,13 @@ use super::filling::FillFlags;
 use super::weighing::Weighing;
 use crate::app::input;
 use crate::app::reconstruct::beside::Beside;
+use crate::app::reconstruct::leave_one_out;
 use crate::app::reconstruct::origin::Origin;
 use crate::app::reconstruct::outputs::{OutputOptions, Request};
 use crate::app::reconstruct::standard_error::pose_noise;
 use crate::app::reconstruct::sweep::Sweep;
 use crate::cli::dicom::flags::DicomFlags;
-use crate::cli::progress::turning;
+use crate::cli::progress::{say, steps, turning};
 use crate::cli::{Failure, values};
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
@@ -184,8 +185,14 @@ impl Flags {
         beside: Beside,
     ) -> Result<(Request, Sweep), Failure> {
         let began = Instant::now();
-        let sweep = self.sweep(sequence)?;
-        let options = self.outputs(volume, beside);
+        let mut sweep = self.settings(sequence)?;
+        let mut options = self.outputs(volume, beside);
+        if self.weighing.leaves_one_out() {
+            let choice = leave_one_out::choose(&sweep, &steps)?;
+            say(&choice.to_string());
+            sweep.session.settings.sigma_mm = choice.sigma_mm.map(Some);
+            options.note = Some(choice.sentence());
+        }
         Ok((Request::new(Origin::File(sequence.to_owned()), &sweep, options, began)?, sweep))
     }
 
@@ -223,6 +230,16 @@ impl Flags {
     /// # Errors
     /// [`Failure`] when files cannot be read or flags contradict each other.
     pub(crate) fn sweep(&self, sequence: &Path) -> Result<Sweep, Failure> {
+        if self.weighing.leaves_one_out() {
+            fail_usage!(
+                "--sigma leave-one-out: is chosen by the command reconstruct; run it, and give its three numbers here"
+            );
+        }
+        self.settings(sequence)
+    }
+
+    /// The same, but for widths by leave-one-out, which are not chosen yet.
+    fn settings(&self, sequence: &Path) -> Result<Sweep, Failure> {
         let mut config = match &self.config {
             Some(path) => Config::read(path, self.preset.as_deref())?,
             None => Config::default(),

@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use config::values::SigmaChoice;
 use config::weighing::{CompoundName, DecayName, Weighing as Said};
 use config::{Error, Settings as Config};
 use pipeline::OffPlane;
@@ -18,8 +19,10 @@ pub(in crate::cli) struct Weighing {
     #[arg(long, value_enum, default_value_t)]
     method: MethodName,
     /// Kernel σ along u, v and the slice's normal, mm; or auto: σ across the plane from the gaps
-    /// between slices [default: 0.75 × the larger of spacing and pixel in the plane, 1.0 across]
-    #[arg(long, value_name = "SU,SV,SN|auto", value_parser = values::sigma, conflicts_with = "resolution")]
+    /// between slices; or leave-one-out: the σ that predicts slices best from all others, which
+    /// takes ten times as long [default: 0.75 × the larger of spacing and pixel in the plane, 1.0
+    /// across]
+    #[arg(long, value_name = "SU,SV,SN|auto|leave-one-out", value_parser = values::sigma, conflicts_with = "resolution")]
     sigma: Option<SigmaChoice>,
     /// Kernel size as half widths at half maximum of a Gaussian, mm
     #[arg(long, value_name = "HU,HV,HN", value_parser = values::lengths)]
@@ -56,10 +59,7 @@ pub(in crate::cli) struct Weighing {
     shadow_weights: bool,
 }
 
-// clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a
-// single value to it.
-type SigmaChoice = Option<[f64; 3]>;
-// clap also takes a bare array for a list.
+// clap takes a bare array for a list.
 type Supports = [Support; 2];
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -90,7 +90,7 @@ impl Weighing {
     pub(super) fn apply(&self, config: &Config, settings: &mut Settings) -> Result<OffPlane, Failure> {
         let said = Said {
             method: self.method(),
-            sigma_mm: self.sigma.flatten(),
+            sigma_mm: self.given(),
             hwhm_mm: self.resolution,
             support: self.support.or(self.leakage.map(|e| [Support::Energy(e); 2])),
             max_weight: self.max_weight,
@@ -107,7 +107,20 @@ impl Weighing {
             }
             other => Failure::flag(other),
         })?;
-        Ok(if self.sigma == Some(None) { OffPlane::Auto } else { OffPlane::Settings })
+        Ok(if self.sigma == Some(SigmaChoice::Auto) { OffPlane::Auto } else { OffPlane::Settings })
+    }
+
+    /// Returns whether the kernel's widths are chosen by leave-one-out.
+    pub(super) fn leaves_one_out(&self) -> bool {
+        self.sigma == Some(SigmaChoice::LeaveOneOut)
+    }
+
+    /// Returns the given widths.
+    fn given(&self) -> Option<[f64; 3]> {
+        match self.sigma {
+            Some(SigmaChoice::Given(sigma_mm)) => Some(sigma_mm),
+            _ => None,
+        }
     }
 
     /// Returns the kernel's method.
@@ -124,7 +137,7 @@ impl Weighing {
 
     /// Returns a note on flags that had no effect.
     pub(super) fn note(&self) -> Option<String> {
-        let given = self.resolution.is_some() || matches!(self.sigma, Some(Some(_)));
+        let given = self.resolution.is_some() || self.given().is_some();
         (given && self.method().interpolates()).then(|| {
             format!(
                 "the method {} interpolates between pixels: only the last of the three widths is used",
