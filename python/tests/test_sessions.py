@@ -197,3 +197,25 @@ def test_written_file_names_session(tmp_path) -> None:
     assert "SonoweaveCalibration = in the configuration" in head
     assert report is not None and len(report["input_sha256"]) == 64
     assert np.array_equal(Volume.open(tmp_path / "v.mha").values(), np.rint(volume.values()))
+
+
+def test_corrections_beside_session_are_applied(program, tmp_path) -> None:
+    noisy = BEDSIDE.replace("[virtual]", "[virtual]\ntracker_noise_mm = 0.3\ntracker_noise_deg = 0.3")
+    (tmp_path / "bedside.toml").write_text(noisy)
+    words = [program, "live", "--config=bedside.toml", "--duration=3", "--record=sessions"]
+    subprocess.run(words, check=True, capture_output=True, cwd=tmp_path)
+    session = next((tmp_path / "sessions").iterdir())
+    before = Sequence.open(session)
+    poses = before.poses
+    subprocess.run([program, "correct", "smoothing", session], check=True, capture_output=True)
+    after = Sequence.open(session)
+    posed = (np.array(before.status) == "ok") & (np.array(after.status) == "ok")
+    moved = np.abs(after.poses[posed][:, :3, 3] - poses[posed][:, :3, 3])
+    assert posed.sum() > 20 and 0.05 < moved.mean() < 2.0
+    replayed = Replayed(program, session, tmp_path)
+    reconstructor = Reconstructor()
+    reconstructor.insert_all(after)
+    replayed.is_of(reconstructor, tmp_path)
+    # Undone, the poses have the bits from before.
+    subprocess.run([program, "correct", "undo", session, "1"], check=True, capture_output=True)
+    assert np.array_equal(Sequence.open(session).poses, poses, equal_nan=True)

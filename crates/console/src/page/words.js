@@ -108,6 +108,8 @@ const REASONS = {
   "same picture": "the same picture at another pose",
   frozen: "the session was frozen",
   "volume full": "the volume has all the memory it may take",
+  gated: "left out by a gate, as the body was displaced",
+  "not corrected": "a correction has no pose for the frame",
 };
 
 /// Returns the reason in words; an unknown name is returned as it is.
