@@ -266,7 +266,11 @@ fn planes_tell_the_weight_below_which_places_are_weakly_seen() {
     let viewer = Arc::new(Viewer { looks: true.into(), ..Viewer::default() });
     let set = Set { shadow_weights: true, ..viewed_by(&viewer) };
     let (finished, _) = set.until(|status, _| {
-        viewer.weakly_seen.store(status.ledger.frames.used > COUNT / 2, Ordering::Relaxed);
+        // As a page does, the viewer changes its style with what it shows.
+        if status.ledger.frames.used > COUNT / 2 && !viewer.seen().is_empty() {
+            viewer.weakly_seen.store(true, Ordering::Relaxed);
+            viewer.style.store(1, Ordering::Relaxed);
+        }
         status.ledger.frames.used == COUNT
     });
     are_the_volume_s(&viewer, &finished);
