@@ -13,6 +13,7 @@ mod crossings;
 mod geometry;
 mod latency;
 mod preset;
+mod pressure;
 mod probe;
 mod stylus;
 mod tracker;
@@ -23,6 +24,7 @@ pub use crossings::{CrossingsError, Motion, Sides};
 pub use geometry::GeometryError;
 pub use latency::LatencyError;
 pub use preset::PresetError;
+pub use pressure::PressureError;
 pub use probe::{Axis, ProbeError, Units};
 pub use stylus::{LandmarksError, PivotError};
 pub use tracker::TrackerError;
@@ -70,6 +72,9 @@ pub enum CalibrationError {
     /// A preset of a calibration file.
     #[error(transparent)]
     Preset(#[from] PresetError),
+    /// A correction of pressure.
+    #[error(transparent)]
+    Pressure(#[from] PressureError),
     /// The image plane.
     #[error(transparent)]
     Probe(#[from] ProbeError),

@@ -11,6 +11,7 @@
 //! - [`slices`]: slices of a scan with the probe's poses, and their crossings.
 //! - [`statistics`]: spread, median and correlation of numbers.
 //! - [`picture`]: a grey image in memory.
+//! - [`pressure`]: compression of tissue by the probe, against a sweep with light contact.
 //! - [`probe`]: calibration of the image plane, from dots of wires.
 //! - [`file`](mod@file): the versioned calibration file.
 //! - [`tracker`]: accuracy of a tracker in its room: noise, and field distortion by metal.
@@ -27,6 +28,7 @@ pub mod least_squares;
 pub mod phantom;
 pub mod picture;
 pub mod pivot;
+pub mod pressure;
 pub mod probe;
 mod rest;
 pub mod slices;
@@ -37,6 +39,7 @@ mod tests {
     pub(crate) mod crossing_scans;
     pub(crate) mod draws;
     pub(crate) mod noise;
+    pub(crate) mod speckle_scans;
     pub(crate) mod target_scans;
     pub(crate) mod wire_scans;
 }

@@ -18,6 +18,8 @@ pub struct Slices {
     pub(crate) is_data: Vec<bool>,
     /// First and last column and row with data.
     pub(crate) bounds: [[f64; 2]; 2],
+    /// The first row with data before reduction, which smoothing leaves out, in reduced rows.
+    pub(crate) top: f64,
     /// Times, and grey values in units of 1/256.
     pub(crate) pixels: Vec<(f64, Vec<u16>)>,
     /// Maps pixels of the reduced images to mm at the probe.
@@ -51,7 +53,8 @@ impl Slices {
         let (full, by) = (width as usize, reduction(width, height) as usize);
         assert_eq!(is_data.len(), full * height as usize, "a flag for each pixel");
         let (width, height) = (full / by, height as usize / by);
-        let whole = |u: usize, v: usize| (0..by * by).all(|k| is_data[(v * by + k / by) * full + u * by + k % by]);
+        let given = is_data;
+        let whole = |u: usize, v: usize| (0..by * by).all(|k| given[(v * by + k / by) * full + u * by + k % by]);
         let is_whole: Vec<bool> = (0..width * height).map(|at| whole(at % width, at / width)).collect();
         // Pixels whose smoothing reaches across the border of the data are no data.
         let is_inner = |u: usize, v: usize| {
@@ -68,6 +71,8 @@ impl Slices {
             [ends.clone().min().unwrap_or(0) as f64, ends.max().unwrap_or(0) as f64]
         });
         let scale = by as f64;
+        let first = given.iter().position(|is| *is).map_or(0, |at| at / full);
+        let top = (first as f64 - 0.5 * (scale - 1.0)) / scale;
         // The centre of a reduced pixel is the mean of its pixels' centres.
         let image_from_pixel = DAffine3::from_scale_rotation_translation(
             DVec3::new(scale, scale, 1.0),
@@ -75,7 +80,7 @@ impl Slices {
             DVec3::new(0.5 * (scale - 1.0), 0.5 * (scale - 1.0), 0.0),
         );
         let probe_from_pixel = probe_from_image * image_from_pixel;
-        Self { width, height, is_data, bounds, pixels: Vec::new(), probe_from_pixel, poses }
+        Self { width, height, is_data, bounds, top, pixels: Vec::new(), probe_from_pixel, poses }
     }
 
     /// Adds an image, reduced by the mean of its pixels and smoothed.
@@ -170,10 +175,14 @@ impl Slices {
         (from < to).then(|| [point + from * direction, point + to * direction])
     }
 
+    /// Returns the distance from row to row, mm.
+    pub(crate) fn row_mm(&self) -> f64 {
+        self.probe_from_pixel.matrix3.y_axis.length()
+    }
+
     /// Returns the larger side of a pixel, mm.
     pub(crate) fn pixel_mm(&self) -> f64 {
-        let m = self.probe_from_pixel.matrix3;
-        m.x_axis.length().max(m.y_axis.length())
+        self.probe_from_pixel.matrix3.x_axis.length().max(self.row_mm())
     }
 }
 

@@ -25,7 +25,26 @@ pub struct Directions {
     pub(super) sweep: Vec<Option<usize>>,
 }
 
+impl Slices {
+    /// Returns the sweeps of the scan, and how many directions they have.
+    pub fn directions(&self) -> Directions {
+        Directions::of(self, &State::of(self))
+    }
+}
+
 impl Directions {
+    /// Returns the slices of each sweep, by time.
+    pub(crate) fn runs(&self, slices: &Slices) -> Vec<Vec<usize>> {
+        let mut runs = vec![Vec::new(); self.sweeps_s.len()];
+        self.sweep.iter().enumerate().for_each(|(slice, sweep)| {
+            if let Some(sweep) = sweep {
+                runs[*sweep].push(slice);
+            }
+        });
+        runs.iter_mut().for_each(|run| run.sort_by(|a, b| slices.pixels[*a].0.total_cmp(&slices.pixels[*b].0)));
+        runs
+    }
+
     pub(super) fn of(slices: &Slices, state: &State) -> Self {
         let mut order: Vec<usize> = (0..slices.pixels.len()).collect();
         order.sort_by(|a, b| slices.pixels[*a].0.total_cmp(&slices.pixels[*b].0));

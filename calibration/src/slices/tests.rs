@@ -49,6 +49,8 @@ fn reduced_pixel_is_centred_on_its_pixels() {
     let mut slices = Slices::new(width, height, &vec![true; 240_000], DAffine3::IDENTITY, poses);
     let at = slices.probe_from_pixel.transform_point3(DVec3::new(1.0, 2.0, 0.0));
     assert_eq!(at, DVec3::new(5.5, 9.5, 0.0));
+    // The first row lies above the middle of the first reduced one.
+    assert_eq!(slices.top, -0.375);
     // A ramp keeps its values.
     let ramp: Vec<u8> = (0..240_000_u32).map(|i| (i % 600 / 3) as u8).collect();
     slices.push(0.0, &ramp, width, height);
