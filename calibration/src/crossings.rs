@@ -20,14 +20,14 @@
 #![cfg_attr(test, allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture"))]
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must refuse, not pass")]
 
-mod certainty;
+pub(crate) mod certainty;
 mod checked;
 mod directions;
-mod fit;
-mod line;
-mod pairs;
+pub(crate) mod fit;
+pub(crate) mod line;
+pub(crate) mod pairs;
 mod scales;
-mod state;
+pub(crate) mod state;
 
 pub use checked::Checked;
 pub use directions::Directions;
@@ -40,17 +40,17 @@ use line::Lines;
 use state::State;
 
 /// Blurs of the images, standard deviations, mm: coarse ones first.
-const COARSE_MM: [f64; 2] = [1.6, 0.8];
-const FINE_MM: f64 = 0.4;
+pub(crate) const COARSE_MM: [f64; 2] = [1.6, 0.8];
+pub(crate) const FINE_MM: f64 = 0.4;
 /// Lags at which the search begins, s: at constant speed, a lag displaces slices as other numbers
 /// do, so that a search from one lag may end at a wrong one.
 const LAGS_S: [f64; 5] = [0.0, -0.04, 0.04, -0.08, 0.08];
 /// Lines that suffice for coarse images.
 const COARSE_LINES: usize = 400;
 /// Lines that are needed for a check.
-const LEAST_LINES: usize = 100;
+pub(crate) const LEAST_LINES: usize = 100;
 /// Correlation along the lines, median: agreement above, none below.
-const ALIKE: f64 = 0.5;
+pub(crate) const ALIKE: f64 = 0.5;
 
 impl Slices {
     /// Checks the calibration of the slices: finds the one by which they agree best where they
@@ -72,7 +72,7 @@ impl Slices {
             .into());
         }
         // A part of the lines brings the method near.
-        let some: Vec<[usize; 2]> = pairs.iter().copied().step_by((pairs.len() / COARSE_LINES).max(1)).collect();
+        let some = some(&pairs);
         let coarse = Lines::new(self, &some, COARSE_MM[0]);
         let scale = coarse.scale(&start);
         let starts = LAGS_S.map(|lag_s| {
@@ -85,13 +85,18 @@ impl Slices {
         fit.improve(&Lines::new(self, &some, COARSE_MM[1]));
         let lines = Lines::new(self, &pairs, FINE_MM);
         fit.improve(&lines);
-        let correlations = [start, fit.state].map(|state| lines.correlation(&state));
+        let correlations = [start, fit.state].map(|state| lines.correlation(&state.placing(self)));
         if !(correlations[1] >= ALIKE) {
             return Err(CrossingsError::Unrelated { correlation: correlations[1], least: ALIKE }.into());
         }
         let certainty = Certainty::of(self, &lines, &fit);
         Ok(Checked::new(self, &directions, &lines, start, &fit, correlations, certainty))
     }
+}
+
+/// Returns a part of the lines, for coarse images.
+pub(crate) fn some(pairs: &[[usize; 2]]) -> Vec<[usize; 2]> {
+    pairs.iter().copied().step_by((pairs.len() / COARSE_LINES).max(1)).collect()
 }
 
 #[cfg(test)]

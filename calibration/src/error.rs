@@ -10,6 +10,7 @@
 mod arm;
 mod covariance;
 mod crossings;
+mod drift;
 mod geometry;
 mod latency;
 mod preset;
@@ -21,6 +22,7 @@ mod tracker;
 pub use arm::ArmError;
 pub use covariance::CovarianceError;
 pub use crossings::{CrossingsError, Motion, Sides};
+pub use drift::DriftError;
 pub use geometry::GeometryError;
 pub use latency::LatencyError;
 pub use preset::PresetError;
@@ -43,6 +45,9 @@ pub enum CalibrationError {
     /// A check by crossing slices.
     #[error(transparent)]
     Crossings(#[from] CrossingsError),
+    /// Poses that drift, or a sensor that slips, between crossing sweeps.
+    #[error(transparent)]
+    Drift(#[from] DriftError),
     /// A phantom's wires, landmarks or registration.
     #[error(transparent)]
     Geometry(#[from] GeometryError),

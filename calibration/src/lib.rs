@@ -2,6 +2,7 @@
 //!
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
 //! - [`crossings`]: check and refinement of a calibration by crossing slices.
+//! - [`drift`]: slow drift of poses, and a sensor that slips within a session, by crossing slices.
 //! - [`error`]: errors by kind.
 //! - [`landmarks`]: registration of a phantom by landmarks that a stylus touched.
 //! - [`least_squares`](mod@least_squares): parameters that explain measurements best, their
@@ -20,6 +21,7 @@
 
 pub mod arm;
 pub mod crossings;
+pub mod drift;
 pub mod error;
 pub mod file;
 pub mod landmarks;
@@ -37,6 +39,7 @@ pub mod statistics;
 mod tests {
     pub(crate) mod coverage;
     pub(crate) mod crossing_scans;
+    pub(crate) mod crossing_sweeps;
     pub(crate) mod draws;
     pub(crate) mod noise;
     pub(crate) mod speckle_scans;

@@ -4,7 +4,7 @@
 //! itself too much: all points of a slice share the error of its pose.
 
 use glam::DVec3;
-use nalgebra::SMatrix;
+use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::fit::{BEFORE, Equations, Fit, Square, solved};
 use super::line::Lines;
@@ -32,14 +32,12 @@ impl Certainty {
         let touches =
             |line: usize, stretch: usize| lines.pairs[line].iter().any(|slice| stretches[*slice] == Some(stretch));
         let without = |stretch: usize| solved(equations.sum(|line| !touches(line, stretch)), &fit.total);
-        let changes: Vec<Change> = (0..count).map(without).collect();
-        let n = count as f64;
-        let mean = changes.iter().fold(Change::zeros(), |sum, change| sum + change) / n;
-        let spread = changes.iter().fold(Square::zeros(), |sum, change| {
-            let off = change - mean;
-            sum + off * off.transpose()
-        });
-        Self { covariance: spread * ((n - 1.0) / n) + undetermined(&equations.sum(|_| true).0) }
+        let changes: Vec<DVector<f64>> =
+            (0..count).map(|stretch| DVector::from_column_slice(without(stretch).as_slice())).collect();
+        let a = equations.sum(|_| true).0;
+        let a = DMatrix::from_column_slice(COUNT, COUNT, a.as_slice());
+        let covariance = jackknife(&changes) + undetermined(&a, &DVector::from_column_slice(&BEFORE));
+        Self { covariance: Square::from_column_slice(covariance.as_slice()) }
     }
 
     /// Returns the standard errors of the numbers.
@@ -67,8 +65,19 @@ impl Certainty {
     }
 }
 
+/// Returns the covariance of numbers from those found without each of the stretches.
+pub(crate) fn jackknife(without: &[DVector<f64>]) -> DMatrix<f64> {
+    let (n, count) = (without.len() as f64, without.first().map_or(0, DVector::len));
+    let mean = without.iter().fold(DVector::zeros(count), |sum, change| sum + change) / n;
+    let spread = without.iter().fold(DMatrix::zeros(count, count), |sum, change| {
+        let off = change - &mean;
+        sum + &off * off.transpose()
+    });
+    spread * ((n - 1.0) / n)
+}
+
 /// Returns the stretch of each slice that takes part, in the order of time.
-fn stretches(slices: &Slices, pairs: &[[usize; 2]]) -> Vec<Option<usize>> {
+pub(crate) fn stretches(slices: &Slices, pairs: &[[usize; 2]]) -> Vec<Option<usize>> {
     let mut order: Vec<usize> = pairs.iter().flatten().copied().collect();
     order.sort_by(|a, b| slices.pixels[*a].0.total_cmp(&slices.pixels[*b].0).then(a.cmp(b)));
     order.dedup();
@@ -80,22 +89,23 @@ fn stretches(slices: &Slices, pairs: &[[usize; 2]]) -> Vec<Option<usize>> {
     stretches
 }
 
-/// Returns the covariance of what the lines hardly determine: there the jackknife has no spread.
-fn undetermined(a: &Square) -> Square {
-    let scale = Square::from_diagonal(&Change::from(BEFORE));
-    let eigen = (scale * a * scale).symmetric_eigen();
-    let mut covariance = Square::zeros();
+/// Returns the covariance of what normal equations hardly determine, with standard deviations from
+/// before: there the jackknife has no spread.
+pub(crate) fn undetermined(a: &DMatrix<f64>, before: &DVector<f64>) -> DMatrix<f64> {
+    let scale = DMatrix::from_diagonal(before);
+    let eigen = (&scale * a * &scale).symmetric_eigen();
+    let mut covariance = DMatrix::zeros(before.len(), before.len());
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         let kept = 1.0 / (1.0 + value.max(0.0));
         if kept > KEPT {
-            let along = scale * vector;
-            covariance += along * along.transpose() * kept;
+            let along = &scale * vector;
+            covariance += &along * along.transpose() * kept;
         }
     }
     covariance
 }
 
 /// Returns the places of the stated points in mm of the image.
-pub(super) fn places(slices: &Slices, state: &State) -> [DVec3; 9] {
+pub(crate) fn places(slices: &Slices, state: &State) -> [DVec3; 9] {
     State::points(slices).map(|pixel| state.picture_from_pixel.transform_point3(pixel))
 }

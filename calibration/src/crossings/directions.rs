@@ -22,7 +22,7 @@ pub struct Directions {
     /// First and last time of each sweep, s.
     pub sweeps_s: Vec<[f64; 2]>,
     /// The sweep of each slice; none of a slice between sweeps.
-    pub(super) sweep: Vec<Option<usize>>,
+    pub(crate) sweep: Vec<Option<usize>>,
 }
 
 impl Slices {
@@ -45,7 +45,7 @@ impl Directions {
         runs
     }
 
-    pub(super) fn of(slices: &Slices, state: &State) -> Self {
+    pub(crate) fn of(slices: &Slices, state: &State) -> Self {
         let mut order: Vec<usize> = (0..slices.pixels.len()).collect();
         order.sort_by(|a, b| slices.pixels[*a].0.total_cmp(&slices.pixels[*b].0));
         let normal = |slice: usize| Some(state.placed(slices, slice)?.world_from_picture.matrix3.z_axis);

@@ -1,8 +1,8 @@
 //! Gauss and Newton's method: the numbers by which slices agree best along their lines.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
-use super::line::{END_MARGIN_S, Lines, Point};
+use super::line::{END_MARGIN_S, Lines};
 use super::state::{COUNT, Change, State, displacements};
 use crate::statistics::median;
 use glam::DVec3;
@@ -16,10 +16,10 @@ pub(super) const BEFORE: [f64; COUNT] = {
     [10.0, 10.0, 10.0, TURN, TURN, TURN, 0.1, 0.1, 0.1]
 };
 /// Rounds with images of one blur.
-const ROUNDS: usize = 8;
+pub(crate) const ROUNDS: usize = 8;
 /// Largest displacement of a point 25 mm from the image's middle in a round, mm, and the one below
 /// which the method has converged.
-const MOST_MM: f64 = 3.0;
+pub(crate) const MOST_MM: f64 = 3.0;
 const LEAST_MM: f64 = 0.001;
 /// Largest change of the lag in a round, s.
 const MOST_S: f64 = 0.03;
@@ -40,13 +40,17 @@ pub(super) struct Fit {
 
 /// Normal equations, line by line, in units of the differences' variance over one point a line: the
 /// points of a line share the errors of two poses.
-pub(super) struct Equations {
-    pub(super) lines: Vec<(Square, Change)>,
+pub(crate) struct Equations<const N: usize> {
+    pub(crate) lines: Vec<Sums<N>>,
 }
 
-impl Equations {
-    /// Weights the points by Cauchy's function of their differences.
-    pub(super) fn of(points: &[Vec<Point>]) -> Self {
+/// Matrix and right side of normal equations.
+pub(crate) type Sums<const N: usize> = (SMatrix<f64, N, N>, SVector<f64, N>);
+
+impl<const N: usize> Equations<N> {
+    /// Weights the points, differences with their derivatives, by Cauchy's function of the
+    /// differences.
+    pub(crate) fn of(points: &[Vec<(f64, SVector<f64, N>)>]) -> Self {
         let mut amounts: Vec<f64> = points.iter().flatten().map(|(difference, _)| difference.abs()).collect();
         let scale = (SCALE * median(&mut amounts)).max(ROUNDING);
         let weight = |difference: f64| 1.0 / (1.0 + (difference / scale).powi(2));
@@ -57,9 +61,10 @@ impl Equations {
             (weights + w, slopes + w * (2.0 * w - 1.0))
         });
         let ratio = (slopes / weights).max(LEAST_RATIO);
-        let sum = |line: &Vec<Point>| {
+        let none = || (SMatrix::zeros(), SVector::zeros());
+        let sum = |line: &Vec<(f64, SVector<f64, N>)>| {
             let per = 1.0 / (scale * scale * line.len().max(1) as f64);
-            line.iter().fold((Square::zeros(), Change::zeros()), |(a, b), (difference, by)| {
+            line.iter().fold(none(), |(a, b): Sums<N>, (difference, by)| {
                 let weight = per * weight(*difference);
                 (a + by * by.transpose() * (weight * ratio), b + by * (difference * weight))
             })
@@ -68,9 +73,9 @@ impl Equations {
     }
 
     /// Returns the sums over the lines that `is_in` accepts.
-    pub(super) fn sum(&self, is_in: impl Fn(usize) -> bool) -> (Square, Change) {
+    pub(super) fn sum(&self, is_in: impl Fn(usize) -> bool) -> Sums<N> {
         let lines = self.lines.iter().enumerate().filter(|(line, _)| is_in(*line));
-        lines.fold((Square::zeros(), Change::zeros()), |(a, b), (_, (of, with))| (a + of, b + with))
+        lines.fold((SMatrix::zeros(), SVector::zeros()), |(a, b), (_, (of, with))| (a + of, b + with))
     }
 }
 
@@ -96,7 +101,7 @@ impl Fit {
         for _ in 0..ROUNDS {
             let equations = Equations::of(&lines.points(&self.state));
             let mut change = solved(equations.sum(|_| true), &self.total);
-            let mm = displaced_mm(&change);
+            let mm = displaced_mm(change.as_slice());
             change *= (MOST_MM / mm).min(MOST_S / change[8].abs()).min(1.0);
             let lag_s = (self.state.lag_s + change[8]).clamp(-END_MARGIN_S, END_MARGIN_S);
             change[8] = lag_s - self.state.lag_s;
@@ -110,8 +115,8 @@ impl Fit {
 }
 
 /// Returns the largest displacement of points about the image's middle, mm.
-fn displaced_mm(change: &Change) -> f64 {
-    let at = |p: DVec3| displacements(p).iter().zip(change.iter()).map(|(by, x)| *by * *x).sum::<DVec3>().length();
+pub(crate) fn displaced_mm(change: &[f64]) -> f64 {
+    let at = |p: DVec3| displacements(p).iter().zip(change).map(|(by, x)| *by * *x).sum::<DVec3>().length();
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
     corners.iter().map(|(u, v)| at(DVec3::new(25.0 * u, 25.0 * v, 0.0))).fold(0.0, f64::max)
 }

@@ -1,6 +1,7 @@
 //! Grey values of two slices along their line, and derivatives by the nine numbers.
 //!
-//! A change of the calibration displaces both planes, and their line with them. Let n and m be
+//! A change of one slice displaces its plane, and the line with it. A change of the calibration is
+//! the same change of both: its derivatives are the sums of those by each slice. Let n and m be
 //! their normals, and γ the angle between these. The dual vectors are
 //! c = (n − m cos γ) / sin² γ and d = (m − n cos γ) / sin² γ. Where the planes move by a and b
 //! along their normals, the line moves by c a + d b. A point of the line is then read in each
@@ -9,7 +10,7 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::scales::blurred;
-use super::state::{COUNT, Change, Placed, State, displacements};
+use super::state::{COUNT, Change, Placed, Placing, State, displacements};
 use crate::slices::Slices;
 use crate::statistics::median;
 
@@ -24,25 +25,28 @@ pub(super) const END_MARGIN_S: f64 = 0.1;
 /// Difference of two slices at a point, grey levels, less the line's mean, with its derivatives.
 pub(super) type Point = (f64, Change);
 
+/// The same with its derivatives by a change of the first slice alone, and of the second.
+pub(crate) type PointBySlice = (f64, [Change; 2]);
+
 /// Lines of crossing slices, with images of one blur.
-pub(super) struct Lines<'a> {
+pub(crate) struct Lines<'a> {
     slices: &'a Slices,
-    pub(super) pairs: &'a [[usize; 2]],
-    pub(super) images: Vec<Vec<u16>>,
+    pub(crate) pairs: &'a [[usize; 2]],
+    pub(crate) images: Vec<Vec<u16>>,
     /// Images that the slopes are taken from. They are blurred more: noise of slopes adds to their
     /// squares, as if the slices determined the numbers better than they do.
-    pub(super) smooth: Vec<Vec<u16>>,
+    pub(crate) smooth: Vec<Vec<u16>>,
 }
 
 /// Grey values of two slices along a line.
 #[derive(Default)]
 struct Greys {
-    /// Those of either slice, and the derivatives of their difference.
-    at: Vec<([f64; 2], Change)>,
+    /// Those of either slice, and the derivatives of their difference by each slice's change.
+    at: Vec<([f64; 2], [Change; 2])>,
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(slices: &'a Slices, pairs: &'a [[usize; 2]], blur_mm: f64) -> Self {
+    pub(crate) fn new(slices: &'a Slices, pairs: &'a [[usize; 2]], blur_mm: f64) -> Self {
         let [images, smooth] = [1.0, SLOPES].map(|factor| blurred(slices, blur_mm, factor));
         Self { slices, pairs, images, smooth }
     }
@@ -50,7 +54,14 @@ impl<'a> Lines<'a> {
     /// Returns the points of all lines by a calibration; none of a line that two slices no longer
     /// show.
     pub(super) fn points(&self, state: &State) -> Vec<Vec<Point>> {
-        self.greys(state).iter().map(differences).collect()
+        let both = |(difference, [a, b]): PointBySlice| (difference, a + b);
+        let points = self.points_by_slice(&state.placing(self.slices));
+        points.into_iter().map(|line| line.into_iter().map(both).collect()).collect()
+    }
+
+    /// Returns the points of all lines with the slices at these places.
+    pub(crate) fn points_by_slice(&self, placing: &Placing) -> Vec<Vec<PointBySlice>> {
+        self.greys(placing).iter().map(differences).collect()
     }
 
     /// Returns the median amount of the differences by a calibration, grey levels; 0 without lines.
@@ -69,16 +80,20 @@ impl<'a> Lines<'a> {
     }
 
     /// Returns the median of the correlations along the lines.
-    pub(super) fn correlation(&self, state: &State) -> f64 {
-        let mut all: Vec<f64> = self.greys(state).iter().filter_map(Greys::correlation).collect();
+    pub(crate) fn correlation(&self, placing: &Placing) -> f64 {
+        let mut all: Vec<f64> = self.correlations(placing).into_iter().flatten().collect();
         median(&mut all)
     }
 
-    fn greys(&self, state: &State) -> Vec<Greys> {
-        let placed: Vec<Option<Placed>> =
-            (0..self.slices.pixels.len()).map(|slice| state.placed(self.slices, slice)).collect();
-        let of = |pair: &[usize; 2]| match pair.map(|slice| placed[slice]) {
-            [Some(a), Some(b)] => self.along(*pair, state, [a, b]).unwrap_or_default(),
+    /// Returns the correlation along each line; none of a line that two slices do not show, or of
+    /// constant grey values.
+    pub(crate) fn correlations(&self, placing: &Placing) -> Vec<Option<f64>> {
+        self.greys(placing).iter().map(Greys::correlation).collect()
+    }
+
+    fn greys(&self, placing: &Placing) -> Vec<Greys> {
+        let of = |pair: &[usize; 2]| match pair.map(|slice| placing.slices[slice]) {
+            [Some(a), Some(b)] => self.along(*pair, &placing.picture_from_pixel, [a, b]).unwrap_or_default(),
             _ => Greys::default(),
         };
         self.pairs.iter().map(of).collect()
@@ -86,10 +101,10 @@ impl<'a> Lines<'a> {
 
     /// Returns the grey values along the line of two slices; `None` if they do not show enough of
     /// it.
-    fn along(&self, pair: [usize; 2], state: &State, placed: [Placed; 2]) -> Option<Greys> {
-        let of_pixel = placed.map(|placed| placed.world_from_picture * state.picture_from_pixel);
+    fn along(&self, pair: [usize; 2], picture_from_pixel: &DAffine3, placed: [Placed; 2]) -> Option<Greys> {
+        let of_pixel = placed.map(|placed| placed.world_from_picture * *picture_from_pixel);
         let ends = self.slices.line([&of_pixel[0], &of_pixel[1]])?;
-        let greys = self.between(ends, pair, &Side::both(state, placed));
+        let greys = self.between(ends, pair, &Side::both(picture_from_pixel, placed));
         (greys.at.len() >= LEAST_POINTS).then_some(greys)
     }
 
@@ -103,12 +118,14 @@ impl<'a> Lines<'a> {
             let [Some(a), Some(b)] = read else { continue };
             let slopes = [sides[0].slope_mm(a.1), sides[1].slope_mm(b.1)];
             let moved = [0, 1].map(|s| sides[s].moved(points[s]));
-            let by = Change::from_fn(|number, _| {
-                let change = |s: usize| {
-                    let line = sides[s].duals[0] * moved[0][number].z + sides[s].duals[1] * moved[1][number].z;
-                    slopes[s].dot(line - moved[s][number].truncate())
-                };
-                change(0) - change(1)
+            // Each slice moves the line in both images, and its own image.
+            let by = [0, 1].map(|s| {
+                Change::from_fn(|number, _| {
+                    let moved = moved[s][number];
+                    let line = [0, 1].map(|image| slopes[image].dot(sides[image].duals[s] * moved.z));
+                    let own = slopes[s].dot(moved.truncate());
+                    line[0] - line[1] - if s == 0 { own } else { -own }
+                })
             });
             greys.at.push(([a.0, b.0], by));
         }
@@ -123,11 +140,13 @@ impl<'a> Lines<'a> {
 }
 
 /// Returns the differences of two slices, less their mean.
-fn differences(greys: &Greys) -> Vec<Point> {
+fn differences(greys: &Greys) -> Vec<PointBySlice> {
     let count = greys.at.len() as f64;
     let all = greys.at.iter().map(|([a, b], by)| (a - b, *by));
-    let (sum, sums) = all.clone().fold((0.0, Change::zeros()), |(s, c), (d, by)| (s + d, c + by));
-    all.map(|(difference, by)| (difference - sum / count, by - sums / count)).collect()
+    let none = (0.0, [Change::zeros(); 2]);
+    let (sum, [first, second]) = all.clone().fold(none, |(s, [a, b]), (d, [of, with])| (s + d, [a + of, b + with]));
+    let means = [first / count, second / count];
+    all.map(|(difference, [a, b])| (difference - sum / count, [a - means[0], b - means[1]])).collect()
 }
 
 impl Greys {
@@ -154,11 +173,11 @@ struct Side {
 }
 
 impl Side {
-    fn both(state: &State, placed: [Placed; 2]) -> [Self; 2] {
+    fn both(picture_from_pixel: &DAffine3, placed: [Placed; 2]) -> [Self; 2] {
         let normals = placed.map(|placed| placed.world_from_picture.matrix3.z_axis);
         let cosine = normals[0].dot(normals[1]);
         let square = 1.0 - cosine * cosine;
-        let pixel_from_picture = state.picture_from_pixel.inverse();
+        let pixel_from_picture = picture_from_pixel.inverse();
         let duals = [0, 1].map(|s| (normals[s] - normals[1 - s] * cosine) / square);
         [0, 1].map(|s| {
             let Placed { world_from_picture, rate } = placed[s];
@@ -197,10 +216,10 @@ impl Side {
 
 #[cfg(test)]
 impl Lines<'_> {
-    /// Returns the points of a pair's line by a calibration. The ends are the nearest points on the
-    /// line to the ends by another calibration.
-    pub(super) fn differences_moved(&self, pair: [usize; 2], before: &State, after: &State) -> Vec<Point> {
-        let placed = |state: &State| pair.map(|slice| state.placed(self.slices, slice).unwrap());
+    /// Returns the points of a pair's line at places of the slices. The ends are the nearest points
+    /// on the line to the ends at other places.
+    pub(crate) fn differences_moved(&self, pair: [usize; 2], before: &Placing, after: &Placing) -> Vec<PointBySlice> {
+        let placed = |placing: &Placing| pair.map(|slice| placing.slices[slice].unwrap());
         let [a, b] = placed(before).map(|placed| placed.world_from_picture * before.picture_from_pixel);
         let ends = self.slices.line([&a, &b]).unwrap();
         let planes = placed(after).map(|placed| placed.world_from_picture);
@@ -210,6 +229,6 @@ impl Lines<'_> {
             let [h, k] = planes.map(|plane| plane.matrix3.z_axis.dot(plane.translation - end));
             end + (h * m.cross(across) + k * across.cross(n)) / across.length_squared()
         };
-        differences(&self.between(ends.map(nearest), pair, &Side::both(after, placed(after))))
+        differences(&self.between(ends.map(nearest), pair, &Side::both(&after.picture_from_pixel, placed(after))))
     }
 }

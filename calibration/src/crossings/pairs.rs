@@ -12,8 +12,9 @@ const LEAST_SHARE: f64 = 0.3;
 const MOST_OF_ONE: usize = 30;
 const MOST: usize = 1500;
 
-/// Returns the chosen pairs.
-pub(super) fn chosen(slices: &Slices, state: &State) -> Vec<[usize; 2]> {
+/// Returns the chosen pairs, the earlier slice first. They do not depend on the slices' order in
+/// memory.
+pub(crate) fn chosen(slices: &Slices, state: &State) -> Vec<[usize; 2]> {
     let n = slices.pixels.len();
     let at = |lag_s: f64, slice: usize| slices.poses.at(slices.pixels[slice].0 + lag_s);
     let pose = |slice: usize| {
@@ -22,18 +23,18 @@ pub(super) fn chosen(slices: &Slices, state: &State) -> Vec<[usize; 2]> {
         at(END_MARGIN_S, slice)?;
         Some(at(0.0, slice)? * state.probe_from_pixel())
     };
-    let poses: Vec<_> = (0..n).map(pose).collect();
+    let mut poses: Vec<_> = (0..n).filter_map(|slice| Some((slice, pose(slice)?))).collect();
+    poses.sort_by(|a, b| slices.pixels[a.0].0.total_cmp(&slices.pixels[b.0].0));
     let m = state.picture_from_pixel.matrix3;
     let sides = [0, 1].map(|axis| (slices.bounds[axis][1] - slices.bounds[axis][0]) * m.col(axis).length());
     let least_mm = LEAST_MM.min(LEAST_SHARE * sides[0].min(sides[1]));
     let mut found = Vec::new();
-    for (i, a) in poses.iter().enumerate() {
-        let Some(a) = a else { continue };
-        for (j, b) in poses.iter().enumerate().skip(i + 1) {
-            let Some([from, to]) = b.as_ref().and_then(|b| slices.line([a, b])) else { continue };
+    for (rank, (i, a)) in poses.iter().enumerate() {
+        for (j, b) in &poses[rank + 1..] {
+            let Some([from, to]) = slices.line([a, b]) else { continue };
             let mm = (to - from).length();
             if mm >= least_mm {
-                found.push((mm, [i, j]));
+                found.push((mm, [*i, *j]));
             }
         }
     }

@@ -7,37 +7,46 @@ use crate::slices::Slices;
 
 /// Count of the numbers: displacement along u, v and the normal, mm; turns about these, rad; change
 /// of the scale along u and v; change of the lag, s.
-pub(super) const COUNT: usize = 9;
+pub(crate) const COUNT: usize = 9;
 
 /// A change of the numbers.
-pub(super) type Change = SVector<f64, COUNT>;
+pub(crate) type Change = SVector<f64, COUNT>;
 
 /// Time over which a slice's velocity is taken, s.
 const STEP_S: f64 = 0.002;
 
 /// A calibration.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct State {
+pub(crate) struct State {
     /// Rigid: from mm of the image, about its middle, to the probe.
-    pub(super) probe_from_picture: DAffine3,
+    pub(crate) probe_from_picture: DAffine3,
     /// From reduced pixels to mm of the image.
-    pub(super) picture_from_pixel: DAffine3,
+    pub(crate) picture_from_pixel: DAffine3,
     /// Delay of the tracker behind the video.
     pub(super) lag_s: f64,
 }
 
 /// A slice at its place.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placed {
+pub(crate) struct Placed {
     /// Rigid: from mm of the image to the world.
-    pub(super) world_from_picture: DAffine3,
+    pub(crate) world_from_picture: DAffine3,
     /// Its change, per s.
-    pub(super) rate: DAffine3,
+    pub(crate) rate: DAffine3,
+}
+
+/// All slices at their places.
+#[derive(Debug, Clone)]
+pub(crate) struct Placing {
+    /// None of a slice without poses around its time.
+    pub(crate) slices: Vec<Option<Placed>>,
+    /// From reduced pixels to mm of the image.
+    pub(crate) picture_from_pixel: DAffine3,
 }
 
 impl State {
     /// Returns the calibration of the slices, without a lag.
-    pub(super) fn of(slices: &Slices) -> Self {
+    pub(crate) fn of(slices: &Slices) -> Self {
         let probe_from_pixel = slices.probe_from_pixel;
         let [u, v] = slices.bounds.map(|[low, high]| 0.5 * (low + high));
         let m = probe_from_pixel.matrix3;
@@ -53,8 +62,7 @@ impl State {
 
     /// Returns the calibration after a change.
     pub(super) fn changed(&self, by: &Change) -> Self {
-        let vector = |first: usize| DVec3::new(by[first], by[first + 1], by[first + 2]);
-        let rigid = DAffine3::from_rotation_translation(DQuat::from_scaled_axis(vector(3)), vector(0));
+        let rigid = rigid(by.as_slice());
         let scale = DAffine3::from_scale(DVec3::new(1.0 + by[6], 1.0 + by[7], 1.0));
         Self {
             probe_from_picture: self.probe_from_picture * rigid,
@@ -81,16 +89,28 @@ impl State {
         Some(Placed { world_from_picture: at? * self.probe_from_picture, rate })
     }
 
+    /// Returns all slices at their places.
+    pub(crate) fn placing(&self, slices: &Slices) -> Placing {
+        let placed = (0..slices.pixels.len()).map(|slice| self.placed(slices, slice));
+        Placing { slices: placed.collect(), picture_from_pixel: self.picture_from_pixel }
+    }
+
     /// Returns the points of the image at which displacements are stated, reduced pixels: the
     /// middle, and eight on the border.
-    pub(super) fn points(slices: &Slices) -> [DVec3; 9] {
+    pub(crate) fn points(slices: &Slices) -> [DVec3; 9] {
         let [u, v] = slices.bounds.map(|[low, high]| [low, 0.5 * (low + high), high]);
         std::array::from_fn(|k| DVec3::new(u[k % 3], v[k / 3], 0.0))
     }
 }
 
+/// Returns the rigid motion by the first six numbers of a change.
+pub(crate) fn rigid(by: &[f64]) -> DAffine3 {
+    let vector = |first: usize| DVec3::new(by[first], by[first + 1], by[first + 2]);
+    DAffine3::from_rotation_translation(DQuat::from_scaled_axis(vector(3)), vector(0))
+}
+
 /// Returns the displacements of a point of the image per unit of each number but the lag, mm.
-pub(super) fn displacements(p: DVec3) -> [DVec3; COUNT - 1] {
+pub(crate) fn displacements(p: DVec3) -> [DVec3; COUNT - 1] {
     let turned = |axis: DVec3| axis.cross(p);
     [
         DVec3::X,
