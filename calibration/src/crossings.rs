@@ -22,11 +22,11 @@
 
 pub(crate) mod certainty;
 mod checked;
-mod directions;
+pub(crate) mod directions;
 pub(crate) mod fit;
 pub(crate) mod line;
 pub(crate) mod pairs;
-mod scales;
+pub(crate) mod scales;
 pub(crate) mod state;
 
 pub use checked::Checked;

@@ -12,6 +12,7 @@ mod covariance;
 mod crossings;
 mod drift;
 mod geometry;
+mod jitter;
 mod latency;
 mod preset;
 mod pressure;
@@ -24,6 +25,7 @@ pub use covariance::CovarianceError;
 pub use crossings::{CrossingsError, Motion, Sides};
 pub use drift::DriftError;
 pub use geometry::GeometryError;
+pub use jitter::JitterError;
 pub use latency::LatencyError;
 pub use preset::PresetError;
 pub use pressure::PressureError;
@@ -51,6 +53,9 @@ pub enum CalibrationError {
     /// A phantom's wires, landmarks or registration.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// A correction of slices by their neighbours.
+    #[error(transparent)]
+    Jitter(#[from] JitterError),
     /// A phantom's landmarks, as touched.
     #[error(transparent)]
     Landmarks(#[from] LandmarksError),

@@ -4,6 +4,7 @@
 //! - [`crossings`]: check and refinement of a calibration by crossing slices.
 //! - [`drift`]: slow drift of poses, and a sensor that slips within a session, by crossing slices.
 //! - [`error`]: errors by kind.
+//! - [`jitter`]: correction of slices by the images of their neighbours.
 //! - [`landmarks`]: registration of a phantom by landmarks that a stylus touched.
 //! - [`least_squares`](mod@least_squares): parameters that explain measurements best, their
 //!   covariance, and undetermined parameters.
@@ -24,6 +25,7 @@ pub mod crossings;
 pub mod drift;
 pub mod error;
 pub mod file;
+pub mod jitter;
 pub mod landmarks;
 pub mod latency;
 pub mod least_squares;

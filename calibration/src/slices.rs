@@ -24,6 +24,8 @@ pub struct Slices {
     pub(crate) pixels: Vec<(f64, Vec<u16>)>,
     /// Maps pixels of the reduced images to mm at the probe.
     pub(crate) probe_from_pixel: DAffine3,
+    /// Maps pixels of the reduced images to those of the full ones.
+    pub(crate) image_from_pixel: DAffine3,
     pub(crate) poses: PoseSpline,
 }
 
@@ -80,7 +82,7 @@ impl Slices {
             DVec3::new(0.5 * (scale - 1.0), 0.5 * (scale - 1.0), 0.0),
         );
         let probe_from_pixel = probe_from_image * image_from_pixel;
-        Self { width, height, is_data, bounds, top, pixels: Vec::new(), probe_from_pixel, poses }
+        Self { width, height, is_data, bounds, top, pixels: Vec::new(), probe_from_pixel, image_from_pixel, poses }
     }
 
     /// Adds an image, reduced by the mean of its pixels and smoothed.

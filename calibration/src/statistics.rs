@@ -62,6 +62,18 @@ pub fn deviation_about_zero(values: &mut [f64]) -> f64 {
     NORMAL * median(values)
 }
 
+/// Variance of grey values that are constant: that of rounding.
+const CONSTANT: f64 = 0.1;
+
+/// Returns the correlation of pairs of grey values; `None` if one of both is constant.
+pub(crate) fn correlation(pairs: impl Iterator<Item = [f64; 2]> + Clone) -> Option<f64> {
+    let count = pairs.clone().count() as f64;
+    let mean = |of: &dyn Fn([f64; 2]) -> f64| pairs.clone().map(of).sum::<f64>() / count;
+    let [x, y] = [mean(&|[a, _]| a), mean(&|[_, b]| b)];
+    let [xx, yy] = [mean(&|[a, _]| (a - x) * (a - x)), mean(&|[_, b]| (b - y) * (b - y))];
+    (xx > CONSTANT && yy > CONSTANT).then(|| mean(&|[a, b]| (a - x) * (b - y)) / (xx * yy).sqrt())
+}
+
 /// Returns the number of values after which the next one is independent: 1 + 2·Σ of the
 /// autocorrelation, up to the first value that chance explains (Sokal, *Monte Carlo Methods in
 /// Statistical Mechanics*, 1989). The mean of n such values is as accurate as that of n over
@@ -97,6 +109,15 @@ mod tests {
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
         assert_eq!(median(&mut []), 0.0);
+    }
+
+    #[test]
+    fn correlation_needs_values_that_vary() {
+        let line = [[1.0, 5.0], [2.0, 3.0], [3.0, 1.0]];
+        assert!((correlation(line.into_iter()).unwrap() + 1.0).abs() < 1e-15);
+        assert!((correlation([[0.0, 0.0], [1.0, 2.0], [2.0, 1.0]].into_iter()).unwrap() - 0.5).abs() < 1e-15);
+        assert_eq!(correlation(line.into_iter().map(|[x, _]| [x, 7.0])), None);
+        assert_eq!(correlation(std::iter::empty()), None);
     }
 
     #[test]

@@ -48,7 +48,7 @@ impl Directions {
     pub(crate) fn of(slices: &Slices, state: &State) -> Self {
         let mut order: Vec<usize> = (0..slices.pixels.len()).collect();
         order.sort_by(|a, b| slices.pixels[*a].0.total_cmp(&slices.pixels[*b].0));
-        let normal = |slice: usize| Some(state.placed(slices, slice)?.world_from_picture.matrix3.z_axis);
+        let normal = |slice: usize| Some(state.world_from_picture(slices, slice)?.matrix3.z_axis);
         // The sum of each direction's normals, and how many there are.
         let mut found: Vec<(DVec3, usize)> = Vec::new();
         let mut runs: Vec<(usize, Vec<usize>)> = Vec::new();

@@ -10,9 +10,9 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::scales::blurred;
-use super::state::{COUNT, Change, Placed, Placing, State, displacements};
+use super::state::{COUNT, Change, Placed, Placing, State, displacements, slope_mm};
 use crate::slices::Slices;
-use crate::statistics::median;
+use crate::statistics::{correlation, median};
 
 /// Points along a line, and how many of them both images must show.
 const POINTS: usize = 48;
@@ -116,7 +116,7 @@ impl<'a> Lines<'a> {
             let points = [0, 1].map(|s| sides[s].point(place));
             let read = [0, 1].map(|s| self.grey(pair[s], sides[s].pixel(points[s])));
             let [Some(a), Some(b)] = read else { continue };
-            let slopes = [sides[0].slope_mm(a.1), sides[1].slope_mm(b.1)];
+            let slopes = [(0, a.1), (1, b.1)].map(|(s, slope)| slope_mm(&sides[s].pixel_from_picture, slope));
             let moved = [0, 1].map(|s| sides[s].moved(points[s]));
             // Each slice moves the line in both images, and its own image.
             let by = [0, 1].map(|s| {
@@ -151,12 +151,7 @@ fn differences(greys: &Greys) -> Vec<PointBySlice> {
 
 impl Greys {
     fn correlation(&self) -> Option<f64> {
-        let count = self.at.len() as f64;
-        let mean = |of: &dyn Fn([f64; 2]) -> f64| self.at.iter().map(|(greys, _)| of(*greys)).sum::<f64>() / count;
-        let [x, y] = [mean(&|[a, _]| a), mean(&|[_, b]| b)];
-        let [xx, yy] = [mean(&|[a, _]| (a - x) * (a - x)), mean(&|[_, b]| (b - y) * (b - y))];
-        // Grey values that vary by less than their rounding are constant.
-        (xx > 0.1 && yy > 0.1).then(|| mean(&|[a, b]| (a - x) * (b - y)) / (xx * yy).sqrt())
+        correlation(self.at.iter().map(|(greys, _)| *greys))
     }
 }
 
@@ -199,12 +194,6 @@ impl Side {
 
     fn pixel(&self, point: DVec3) -> DVec2 {
         self.pixel_from_picture.transform_point3(point).truncate()
-    }
-
-    /// Returns a slope per pixel as one per mm.
-    fn slope_mm(&self, slope: DVec2) -> DVec2 {
-        let m = self.pixel_from_picture.matrix3;
-        DVec2::new(m.x_axis.truncate().dot(slope), m.y_axis.truncate().dot(slope))
     }
 
     /// Returns the displacements of a point of the image by each number, in its frame.

@@ -20,10 +20,19 @@ const REACH: f64 = 3.0;
 
 /// Returns the images, blurred by about a factor times a standard deviation.
 pub(super) fn blurred(slices: &Slices, sigma_mm: f64, factor: f64) -> Vec<Vec<u16>> {
-    let sigma_px = factor * (sigma_mm / slices.pixel_mm()).max(LEAST_PX);
+    let sigma_px = factor * width_px(slices, sigma_mm);
     let variance = sigma_px * sigma_px - SMOOTHED;
     let images = gaussian(slices, variance);
     images.iter().map(|image| sharpened(slices, image, SMOOTHED + variance)).collect()
+}
+
+/// Returns the images, smoothed by a Gaussian of about this standard deviation in all.
+pub(crate) fn smoothed(slices: &Slices, sigma_mm: f64) -> Vec<Vec<u16>> {
+    gaussian(slices, width_px(slices, sigma_mm).powi(2) - SMOOTHED)
+}
+
+fn width_px(slices: &Slices, sigma_mm: f64) -> f64 {
+    (sigma_mm / slices.pixel_mm()).max(LEAST_PX)
 }
 
 /// Returns images less half a variance times their Laplacian.

@@ -1,6 +1,6 @@
 //! The nine numbers of a calibration, and slices placed by them.
 
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use nalgebra::SVector;
 
 use crate::slices::Slices;
@@ -76,17 +76,23 @@ impl State {
         self.probe_from_picture * self.picture_from_pixel
     }
 
+    /// Returns the rigid map from mm of a slice's image, about its middle, to the world; `None`
+    /// without poses at its time.
+    pub(crate) fn world_from_picture(&self, slices: &Slices, slice: usize) -> Option<DAffine3> {
+        Some(slices.poses.at(slices.pixels[slice].0 + self.lag_s)? * self.probe_from_picture)
+    }
+
     /// Returns the place of a slice; `None` without poses around its time.
     pub(super) fn placed(&self, slices: &Slices, slice: usize) -> Option<Placed> {
         let time_s = slices.pixels[slice].0 + self.lag_s;
-        let [before, at, after] = [-STEP_S, 0.0, STEP_S].map(|step| slices.poses.at(time_s + step));
+        let [before, after] = [-STEP_S, STEP_S].map(|step| slices.poses.at(time_s + step));
         let [before, after] = [before? * self.probe_from_picture, after? * self.probe_from_picture];
         let per_s = 0.5 / STEP_S;
         let rate = DAffine3 {
             matrix3: (after.matrix3 - before.matrix3) * per_s,
             translation: (after.translation - before.translation) * per_s,
         };
-        Some(Placed { world_from_picture: at? * self.probe_from_picture, rate })
+        Some(Placed { world_from_picture: self.world_from_picture(slices, slice)?, rate })
     }
 
     /// Returns all slices at their places.
@@ -107,6 +113,12 @@ impl State {
 pub(crate) fn rigid(by: &[f64]) -> DAffine3 {
     let vector = |first: usize| DVec3::new(by[first], by[first + 1], by[first + 2]);
     DAffine3::from_rotation_translation(DQuat::from_scaled_axis(vector(3)), vector(0))
+}
+
+/// Returns a slope of the image per pixel as one per mm.
+pub(crate) fn slope_mm(pixel_from_picture: &DAffine3, slope: DVec2) -> DVec2 {
+    let m = pixel_from_picture.matrix3;
+    DVec2::new(m.x_axis.truncate().dot(slope), m.y_axis.truncate().dot(slope))
 }
 
 /// Returns the displacements of a point of the image per unit of each number but the lag, mm.
