@@ -30,7 +30,7 @@ pub(crate) mod scales;
 pub(crate) mod state;
 
 pub use checked::Checked;
-pub use directions::Directions;
+pub use directions::{Directions, LEAST_DIRECTIONS};
 
 use crate::error::{CalibrationError, CrossingsError};
 use crate::slices::Slices;

@@ -1,10 +1,10 @@
 //! Corrects the compression of tissue by the probe's pressure, against a sweep with light contact.
 //!
 //! The probe moves the skin; deep tissue stands. An image shows tissue of depth v at v + d(v),
-//! where d falls to 0 with depth. The tracker tells where the probe is, not where the skin was: one slice
-//! alone does not tell d. A sweep of the same place in the same direction with light contact does:
-//! its slices are resampled into the plane of a pressed one by the poses of both, and d is the
-//! displacement along v by which they differ (Treece, Prager, Gee & Berman, 2002).
+//! where d falls to 0 with depth. The tracker tells where the probe is, not where the skin was:
+//! one slice alone does not tell d. A sweep of the same place in the same direction with light
+//! contact does. Its slices are resampled into the plane of a pressed one, by the poses of both. d
+//! is the displacement along v by which they differ (Treece, Prager, Gee & Berman, 2002).
 //!
 //! Slices are not compared with their neighbours in a chain: tissue that slopes along the sweep
 //! moves from slice to slice as if pressed.

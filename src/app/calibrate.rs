@@ -11,6 +11,6 @@ pub(crate) mod pivot;
 pub mod poses;
 pub(crate) mod probe;
 pub(crate) mod recorded;
-mod slices;
+pub(crate) mod slices;
 mod tip;
 pub(crate) mod tracker;

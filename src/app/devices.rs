@@ -70,7 +70,8 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let clock: Arc<dyn Clock> = Arc::new(Monotonic);
     let hand = bedside.virtual_bedside.as_ref().map(|virtual_bedside| {
         let hand = phantom::Bedside::new(Scan::clone(&virtual_bedside.scan), begin_ns);
-        (Arc::new(hand.with_stylus(virtual_bedside.stylus)), virtual_bedside)
+        let hand = hand.with_stylus(virtual_bedside.stylus).with_disturbance(virtual_bedside.disturbance);
+        (Arc::new(hand), virtual_bedside)
     });
     let mut twins = Vec::new();
     let settings = match (&bedside.tracking, &hand) {

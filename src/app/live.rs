@@ -3,12 +3,14 @@
 mod app;
 mod browser;
 pub(crate) mod check;
+mod crossings_check;
 mod device;
 pub(crate) mod ended;
 mod foreign;
 mod free_space;
 pub(crate) mod home;
 mod identity;
+mod markers;
 pub(crate) mod options;
 pub(crate) mod outputs;
 mod reload;

@@ -23,6 +23,12 @@ pub enum Arguments {
     Smoothing(SmoothingArguments),
     /// Correct the probe's calibration and the latency by slices that cross
     Calibration(CalibrationArguments),
+    /// Correct slow drift of the poses by sweeps that cross
+    Drift(DriftArguments),
+    /// Correct the noise of poses within the image's plane, by the images of neighbouring frames
+    Jitter(JitterArguments),
+    /// Undo the compression of tissue by the probe, against a sweep with light contact
+    Pressure(PressureArguments),
     /// Leave out the frames at which breathing displaces the body
     Gate(GateArguments),
     /// Undo a correction: the volume is then as it was before
@@ -71,11 +77,60 @@ pub struct CalibrationArguments {
     storing: StoringFlags,
 }
 
+/// Flags of `correct drift`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+The session must have sweeps of the same place that cross. The first of them is held: a drift that all share does not \
+show. Frames between sweeps are left out, as nothing tells their place. Smooth the poses before, and correct the \
+calibration if it is off.
+
+Example: sonoweave correct drift SESSION-20261121-213000.mcap")]
+pub struct DriftArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
+/// Flags of `correct jitter`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+For sessions with one pose for each frame, where smoothing has too few samples. A frame is displaced and turned in its \
+plane to where its neighbours predict its image. The noise of the tracker must be known, from `sonoweave calibrate \
+tracker` or the configuration.
+
+Example: sonoweave correct jitter SESSION-20261121-213000.mcap")]
+pub struct JitterArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
+/// Flags of `correct pressure`.
+#[derive(Debug, Args)]
+#[command(after_long_help = "\
+Sweep the place once with light contact, much gel and hardly any pressure, and once as usual, in the same direction. \
+Images of the usual sweep are then stretched along their rows' depth until they show tissue where light contact shows \
+it. Frames farther than 0.5 mm from one of the light sweep stay as they are.
+
+Example: sonoweave correct pressure SESSION-20261121-213000.mcap --light 1")]
+pub struct PressureArguments {
+    /// Recorded session (.mcap)
+    session: PathBuf,
+    /// Number of the sweep with light contact, in the order of time, from 1
+    #[arg(long, value_name = "N")]
+    light: usize,
+    #[command(flatten)]
+    storing: StoringFlags,
+}
+
 /// Flags of `correct gate`.
 #[derive(Debug, Args)]
 #[command(after_long_help = "\
 Frames are used around the end of breathing out, where a body rests longest. A Reference sensor on the body tells its \
-displacement; without one, the images do, if the probe moves slowly. Record 30 s or more, and several sweeps: while \
+displacement; without one, the images do, if the probe moves slowly. Moments marked on the page (key B), or by a line \
+([markers] of the configuration), tell its phase instead. Record 30 s or more, and several sweeps: while \
 the body is displaced, no frame is used.
 
 Example: sonoweave correct gate SESSION-20261121-213000.mcap --share 0.35")]
@@ -85,9 +140,13 @@ pub struct GateArguments {
     /// Share of the frames that is used, the least displaced ones
     #[arg(long, value_name = "X", default_value = "0.35")]
     share: f64,
-    /// Signal of the body's displacement [default: the Reference sensor, else the images]
+    /// Signal of the body's displacement [default: markers if there are any, else the Reference
+    /// sensor, else the images]
     #[arg(long, value_name = "SIGNAL")]
     signal: Option<GateSignal>,
+    /// Phase around which frames are used, by markers: 0 at a marker, up to 1 at the next one
+    #[arg(long, value_name = "X", default_value = "0")]
+    phase: f64,
     #[command(flatten)]
     storing: StoringFlags,
 }
@@ -139,9 +198,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             check(session)?;
             store(session, correct::calibration::compute(session)?, storing)
         }
-        Arguments::Gate(GateArguments { session, share, signal, storing }) => {
+        Arguments::Drift(DriftArguments { session, storing }) => {
             check(session)?;
-            let settings = Settings { share: *share, signal: *signal };
+            store(session, correct::drift::compute(session)?, storing)
+        }
+        Arguments::Jitter(JitterArguments { session, storing }) => {
+            check(session)?;
+            store(session, correct::jitter::compute(session)?, storing)
+        }
+        Arguments::Pressure(PressureArguments { session, light, storing }) => {
+            check(session)?;
+            store(session, correct::pressure::compute(session, *light)?, storing)
+        }
+        Arguments::Gate(GateArguments { session, share, signal, phase, storing }) => {
+            check(session)?;
+            let settings = Settings { share: *share, signal: *signal, phase: *phase };
             store(session, correct::gate::compute(session, &settings)?, storing)
         }
         Arguments::Undo(UndoArguments { session, number }) => {

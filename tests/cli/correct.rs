@@ -1,5 +1,11 @@
 //! Corrections of a recorded session: stored beside it, applied by replays, stale, and undone.
 
+use std::time::Instant;
+
+use serde_json::json;
+
+use super::commands::{done, post_command, until};
+use super::daemon::Session;
 use super::place::Place;
 
 /// A virtual bedside whose tracker has white noise, and whose patient breathes by ±2 mm each 4 s.
@@ -104,7 +110,8 @@ fn corrections_are_applied_stale_and_undone() {
     line["correction"]["result"]["poses"][5][1][3] = (x + 2.0).into();
     std::fs::write(&file, text.replace(last, &line.to_string())).unwrap();
     let run = replay("other.mha");
-    let differs = ["correction 3 (smoothing) is applied as stored, by version 0.0.1", "up to 2.000 mm elsewhere"];
+    let differs =
+        ["correction 3 (smoothing) is applied as stored, by version 0.0.1", "up to 2.000 mm elsewhere. Undo it"];
     assert!(run.code == 0 && differs.iter().all(|part| run.stderr.contains(part)), "{}", run.stderr);
     let run = place.run(&format!("replay {session} --as-recorded"));
     assert!(
@@ -116,6 +123,139 @@ fn corrections_are_applied_stale_and_undone() {
 }
 
 #[test]
+fn gate_by_markers_uses_frames_around_a_phase() {
+    let place = Place::new();
+    place.put("bedside.toml", BEDSIDE.replace("frames = 50", "frames = 20").replace("reference_station = 2\n", ""));
+    let words = "live --config bedside.toml --keep kept --console 127.0.0.1:0";
+    let mut session = Session::at(place, words, &[]);
+    let address = session.address();
+    until(&session, &address, "slices", |account| account["volume"]["slices"].as_u64() > Some(3));
+    let (code, answer) = post_command(&address, &json!({ "do": "mark" }));
+    assert!(code == 409 && answer["refused"].as_str().unwrap().contains("record it to mark moments"), "{answer}");
+    done(&address, &json!({ "do": "record" }));
+    until(&session, &address, "slices", |a| a["desk"]["records"] == true && a["volume"]["slices"].as_u64() > Some(250));
+    // A moment each 3 s, the last one now; those before the recording count, too.
+    let begun = Instant::now();
+    for n in 0..8 {
+        let ago_ms = 1e3 * begun.elapsed().as_secs_f64() + 3000.0 * f64::from(n);
+        done(&address, &json!({ "do": "mark", "ago_ms": ago_ms }));
+    }
+    done(&address, &json!({ "do": "stop" }));
+    until(&session, &address, "the end", |account| account["desk"]["phase"] == "over");
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.log());
+    let place = &session.place;
+    let mut kept = std::fs::read_dir(place.path("kept")).unwrap().map(|entry| entry.unwrap().path());
+    std::fs::rename(kept.next().unwrap(), place.path("s.mcap")).unwrap();
+    let said = place.does("correct gate s.mcap --share 0.4 --phase 0.25 --json=gate.json");
+    assert!(said.contains("markers are 3.0 s apart"), "{said}");
+    let report = place.json("gate.json");
+    assert_eq!((&report["evidence"]["signal"], &report["evidence"]["periods"]), (&json!("markers"), &json!([7, 0])));
+    let [used, all] = ["frames", "frames_before"].map(|name| evidence(place, "gate.json", name));
+    // The recording is about 10 s long, so that parts of its periods lie outside of it.
+    assert!((0.25..0.5).contains(&(used / all)), "{used} of {all}");
+    let run = place.run("replay s.mcap --json=gated.json --quiet");
+    assert!(run.stderr.contains("corrections applied: 1 gate"), "{}", run.stderr);
+    assert_eq!(place.json("gated.json")["frames"]["used"].as_f64(), Some(used));
+    place.refuses_with(
+        "correct gate s.mcap --phase 1.5 --dry-run",
+        &["the phase must lie between 0 and 1; give another"],
+    );
+}
+
+#[test]
+fn calibration_is_checked_at_a_session_s_end_by_crossings() {
+    let place = Place::new();
+    let exact = BEDSIDE.replace("0.3", "0").replace("frames = 50", "frames = 200");
+    place.put("bedside.toml", &exact);
+    let run = place.run("live --config bedside.toml --record kept --duration 9 --headless");
+    let holds = "the calibration holds, checked by sweeps that cross: another one would displace the image by 0.";
+    assert!(run.code == 0 && run.stderr.contains(holds), "{}", run.stderr);
+    place.put("bedside.toml", exact.replace("three-directions", "freehand"));
+    let run = place.run("live --config bedside.toml --record kept --duration 3 --headless");
+    assert!(run.code == 0 && !run.stderr.contains("sweeps that cross"), "{}", run.stderr);
+}
+
+/// Returns the first numbers of a report's evidence that are pairs.
+fn pair(place: &Place, report: &str, name: &str) -> [f64; 2] {
+    [0, 1].map(|at| place.json(report)["evidence"][name][at].as_f64().unwrap_or_else(|| panic!("{report}: {name}")))
+}
+
+#[test]
+fn drift_between_sweeps_is_corrected_by_their_crossings() {
+    let place = Place::new();
+    let exact = BEDSIDE.replace("0.3", "0").replace("frames = 50", "frames = 200");
+    let drifting = exact.clone() + "tracker_drift_mm = 2.5\n";
+    let session = place.recorded(&drifting, 16);
+    let replay = |volume: &str| place.run(&format!("replay {session} -o {volume} --quiet"));
+    assert_eq!(replay("before.mha").code, 0);
+    let said = place.does(&format!("correct drift {session} --json=drift.json"));
+    assert!(said.contains("stored as correction 1"), "{said}");
+    let [shift_mm, se_mm] = pair(&place, "drift.json", "shift_mm");
+    let [before, after] = pair(&place, "drift.json", "correlation");
+    let seen = shift_mm > 0.3 && shift_mm < 1.5 && se_mm < shift_mm;
+    assert!(seen && after > before && after > 0.999, "{shift_mm} {se_mm} {before} {after}");
+    let run = replay("after.mha");
+    assert!(run.stderr.contains("corrections applied: 1 drift"), "{}", run.stderr);
+    assert!(place.get("before.mha") != place.get("after.mha"));
+    place.refuses_with(&format!("correct drift {session}"), &["correction 1 is a drift, too"]);
+    place.does(&format!("correct undo {session} 1"));
+    let run = replay("undone.mha");
+    assert!(run.stderr.contains("the volume is the same as in the live session, bit by bit"), "{}", run.stderr);
+    // Exact poses need none.
+    let place = Place::new();
+    let session = place.recorded(&exact, 10);
+    place.refuses_with(&format!("correct drift {session}"), &["no correction: "]);
+}
+
+#[test]
+fn pressure_is_undone_against_the_light_sweep() {
+    let place = Place::new();
+    let exact = BEDSIDE.replace("0.3", "0").replace("frames = 50", "frames = 150");
+    let bedside = exact
+        .replace("80x75", "120x120")
+        .replace("gap_mm = 0.6", "gap_mm = 0.4")
+        .replace("pixel_mm = 0.6", "pixel_mm = 0.35");
+    let session = place.recorded(&(bedside + "pressure_mm = 1.2\n"), 10);
+    let replay = |volume: &str| place.run(&format!("replay {session} -o {volume} --quiet"));
+    assert_eq!(replay("before.mha").code, 0);
+    let said = place.does(&format!("correct pressure {session} --light 1 --json=p.json"));
+    assert!(said.contains("the skin was pressed by"), "{said}");
+    let skin_mm = evidence(&place, "p.json", "skin_rms_mm");
+    assert!((1.0..1.4).contains(&skin_mm), "{skin_mm}");
+    let run = replay("after.mha");
+    assert!(run.code == 0 && run.stderr.contains("corrections applied: 1 pressure"), "{}", run.stderr);
+    assert!(place.get("before.mha") != place.get("after.mha"));
+    place.does(&format!("correct undo {session} 1"));
+    let run = replay("undone.mha");
+    assert!(run.stderr.contains("the volume is the same as in the live session, bit by bit"), "{}", run.stderr);
+    place.refuses_with(&format!("correct pressure {session} --light 99"), &["sweep 99 is not among the"]);
+}
+
+#[test]
+fn jitter_of_poses_is_corrected_by_neighbours() {
+    let place = Place::new();
+    let bedside = BEDSIDE
+        .replace("reference_station = 2\n", "")
+        .replace("80x75", "120x120")
+        .replace("three-directions", "freehand")
+        .replace("gap_mm = 0.6", "gap_mm = 0.3")
+        .replace("pixel_mm = 0.6", "pixel_mm = 0.35");
+    let session = place.recorded(&bedside, 5);
+    let said = place.does(&format!("correct jitter {session} --json=j.json"));
+    assert!(said.contains("stored as correction 1"), "{said}");
+    let held_out = evidence(&place, "j.json", "held_out");
+    assert!(held_out > 0.15, "{held_out}");
+    let run = place.run(&format!("replay {session} -o after.mha --quiet"));
+    assert!(run.stderr.contains("corrections applied: 1 jitter"), "{}", run.stderr);
+    place.does(&format!("correct undo {session} 1"));
+    place.does(&format!("correct smoothing {session}"));
+    place.refuses_with(
+        &format!("correct jitter {session}"),
+        &["the poses are smoothed, which corrects more; keep that"],
+    );
+}
+
+#[test]
 fn what_cannot_be_corrected_is_refused() {
     let place = Place::new();
     // A body at rest: seven seconds are too few to tell.
@@ -124,6 +264,7 @@ fn what_cannot_be_corrected_is_refused() {
         ("gate SESSION --signal reference", "the session has no Reference sensor; give --signal images"),
         ("gate SESSION --share 0.1", "the gate must use a share of 0.15 to 1 of the frames"),
         ("gate SESSION", "no correction: "),
+        ("gate SESSION --signal markers", "the session has 0 markers, and 5 are needed; mark the end of breathing out"),
         ("undo SESSION 1", "there is no correction 1 to undo; list them"),
         ("smoothing bedside.toml", "bedside.toml: is not a session; give a recorded session"),
     ];

@@ -159,6 +159,13 @@ test("a picture's header is read, and what is none is refused by a sentence", ()
   assert.throws(() => parse(bytes), /kind 7/);
 });
 
+test("a voxel has its interval, and where another sweep would halve it that is said", () => {
+  assert.equal(words.readout({ value: 81.5, error: null, slices: null, halved_by: null }), "grey 82");
+  const known = { value: 81.52, error: 6.24, slices: 2.34, halved_by: null };
+  assert.equal(words.readout(known), "grey 81.5 ± 6.2, 2.3 slices");
+  assert.equal(words.readout({ ...known, halved_by: 7.02 }), "grey 81.5 ± 6.2, 2.3 slices; sweep here again: 8 more halve the error");
+});
+
 test("quantiles are samples of the nearest rank", () => {
   assert.equal(quantile([], 0.5), null);
   assert.equal(quantile([3, 1, 2], 0.5), 2);

@@ -10,6 +10,7 @@ use glam::DVec3;
 
 use pipeline::session::{Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer, PlaneWork, Readout};
 use reconstruct::PathReconstructor;
+use reconstruct::standard_error::Edge;
 use render::section::{Planar, Plane, Sampled};
 use volume::brick::VOXELS;
 use volume::read::{SEEN, Values as _};
@@ -37,6 +38,10 @@ struct Viewer {
     errors: AtomicBool,
     /// Whether places seen weakly are shown.
     weakly_seen: AtomicBool,
+    /// Whether the viewer asks for the edges at the place that is read out and far away, and the
+    /// last answer.
+    asks: AtomicBool,
+    edges: Mutex<Vec<Option<Edge>>>,
     /// While this is set, the viewer blocks.
     stuck: AtomicBool,
     seen: Mutex<Vec<Seen>>,
@@ -107,6 +112,12 @@ impl PlaneViewer for Viewer {
 
     fn readout_at(&self, _: &Extent) -> DVec3 {
         PLACE
+    }
+
+    fn answer_edges(&self, edges: &mut dyn FnMut(&[DVec3]) -> Vec<Option<Edge>>) {
+        if self.asks.load(Ordering::Relaxed) {
+            *self.edges.lock().unwrap() = edges(&[PLACE, PLACE + DVec3::X * 1e4]);
+        }
     }
 
     fn show_plane(&self, image: &PlaneImage<'_>) {
@@ -262,6 +273,30 @@ fn planes_have_standard_errors_when_asked() {
 }
 
 #[test]
+fn edges_at_places_are_answered_without_a_view_of_planes() {
+    for standard_error in [true, false] {
+        let viewer = Arc::new(Viewer::default());
+        let set = Set { standard_error, ..viewed_by(&viewer) };
+        let (finished, _) = set.until(|status, _| {
+            // Asked when all slices are in the volume.
+            viewer.asks.store(status.ledger.frames.used == COUNT, Ordering::Relaxed);
+            !viewer.edges.lock().unwrap().is_empty()
+        });
+        assert!(viewer.seen().is_empty());
+        let edges = viewer.edges.lock().unwrap().clone();
+        assert_eq!((edges.len(), edges[1]), (2, None), "nothing was seen far away");
+        let reconstructor = &finished.outcome.as_ref().unwrap().reconstructor;
+        let expected = reconstructor.standard_errors(0.0).and_then(|errors| errors.edge(voxel_at_place()));
+        assert_eq!(edges[0].map(|edge| edge.gradient), expected.map(|edge| edge.gradient));
+        assert_eq!(expected.is_some(), standard_error);
+        if let (Some(edge), Some(expected)) = (edges[0], expected) {
+            // The noise of the whole volume is taken from a part of it.
+            assert!((edge.standard_error / expected.standard_error - 1.0).abs() < 0.3, "{edge:?} {expected:?}");
+        }
+    }
+}
+
+#[test]
 fn planes_tell_the_weight_below_which_places_are_weakly_seen() {
     let viewer = Arc::new(Viewer { looks: true.into(), ..Viewer::default() });
     let set = Set { shadow_weights: true, ..viewed_by(&viewer) };
@@ -277,7 +312,9 @@ fn planes_tell_the_weight_below_which_places_are_weakly_seen() {
     let all: Vec<f32> = viewer.seen().iter().map(|seen| seen.weak.unwrap()).collect();
     assert_eq!(all[0], 0.0, "before it was asked for");
     // The planes through the middle have the weights of the whole volume.
-    let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
+    let reconstructor = &finished.outcome.as_ref().unwrap().reconstructor;
+    assert_eq!(finished.status.dark_slices, Some(reconstructor.work().without_shadows));
+    let volume = reconstructor.volume();
     let mut weights = Vec::new();
     for brick in volume.bricks() {
         let [mut values, mut of_brick] = [[0.0; VOXELS]; 2];
@@ -294,6 +331,10 @@ fn planes_tell_the_weight_below_which_places_are_weakly_seen() {
 
 /// Returns the finished volume's value at the place that is read out.
 fn value_at_place(reconstructor: &PathReconstructor) -> Option<f32> {
-    let (r, w) = reconstructor.volume().voxel(PLACE.round().to_array().map(|x| x as i64));
+    let (r, w) = reconstructor.volume().voxel(voxel_at_place());
     (w > 0.0).then(|| r / w)
+}
+
+fn voxel_at_place() -> [i64; 3] {
+    PLACE.round().to_array().map(|x| x as i64)
 }

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DQuat};
 
 use super::certainty::{Certainty, places};
-use super::directions::Directions;
+use super::directions::{Directions, LEAST_DIRECTIONS};
 use super::fit::Fit;
 use super::line::Lines;
 use super::state::State;
@@ -19,8 +19,6 @@ const SLIPPED_ERRORS: f64 = 3.0;
 const LATE_S: f64 = 0.005;
 /// Standard error of any point of the image, mm.
 const MOST_ERROR_MM: f64 = 0.3;
-/// Directions that determine a calibration.
-const LEAST_DIRECTIONS: usize = 3;
 /// Largest changes: mm, degrees, and part of the scale. A phantom determines larger ones better.
 const MOST_MM: f64 = 3.0;
 const MOST_DEG: f64 = 3.0;
@@ -110,9 +108,11 @@ impl Checked {
         self.correction * probe_from_image
     }
 
-    /// Whether the image is displaced by more than chance explains.
+    /// Whether the image is displaced by more than chance explains. A calibration by which the
+    /// slices agree no better is displaced by the method: coarse pixels falsify the scale.
     fn is_displaced(&self) -> bool {
-        self.shift_mm > SLIPPED_MM && self.shift_mm > SLIPPED_ERRORS * self.shift_se_mm
+        let [before, after] = self.correlations;
+        self.shift_mm > SLIPPED_MM && self.shift_mm > SLIPPED_ERRORS * self.shift_se_mm && after > before
     }
 
     /// Returns the reason why the sweeps do not tell whether the calibration in use holds, if there

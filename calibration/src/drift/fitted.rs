@@ -21,7 +21,7 @@ pub(super) type Gram = SMatrix<f64, NUMBERS, NUMBERS>;
 pub(super) struct Fitted {
     pub(super) crossed: Crossed,
     pub(super) knots: Knots,
-    /// Of mm about the image's middle to the probe.
+    /// From mm about the image's middle to the probe.
     pub(super) probe_from_picture: DAffine3,
     /// The knots' numbers, and their covariance.
     pub(super) numbers: DVector<f64>,

@@ -1,8 +1,8 @@
 //! The sweep before which the sensor slipped on the probe.
 //!
 //! Each sweep has a motion of its own. A slip before a sweep is one motion of this sweep and of all
-//! later ones, and a calibration that never held one of all sweeps. Of these, the one is taken by
-//! which the sweeps' motions are explained best.
+//! later ones, and a calibration that never held one of all sweeps. The one that explains
+//! the sweeps' motions best is taken.
 
 use nalgebra::{DMatrix, DVector};
 

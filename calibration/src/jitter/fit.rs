@@ -1,9 +1,9 @@
 //! Displacements of all slices by their differences from the predictions.
 //!
 //! A slice that is displaced by (u, v) and turned by w about the normal, about the middle of its
-//! image, meets another prediction. At a point (x, y) this one changes by
-//! u·∂u + v·∂v + w·(x·∂v − y·∂u), with the slopes ∂ of the image itself, which are those of the
-//! prediction near it. Each round solves for every slice from the same poses, so that the order of
+//! image, meets another prediction. Let a and b be the slopes along u and v. At a point (x, y) the
+//! prediction changes by a·u + b·v + (b·x − a·y)·w. The image's own slopes are nearly those of the
+//! prediction. Each round solves for every slice from the same poses, so that the order of
 //! slices does not count. It takes a part of the step, as neighbours move towards each other.
 
 use glam::{DAffine3, DMat2, DQuat, DVec2, DVec3};

@@ -9,7 +9,7 @@ use glam::DAffine3;
 
 use super::*;
 use crate::tests::noise::Noise as Random;
-use sweep::{Shown, Sweep};
+use sweep::{Scene, Sweep};
 
 fn noise(mm_and_deg: f64) -> TrackerNoise {
     TrackerNoise { position_mm: mm_and_deg, rotation_deg: mm_and_deg }
@@ -59,7 +59,7 @@ fn found(name: &str, sweep: &Sweep, given: f64) -> (Jitter, [[f64; 2]; 2]) {
 
 #[test]
 fn pose_of_a_slice_is_that_of_its_sample() {
-    let sweep = Sweep::of(&Shown::default(), 0.3, 1);
+    let sweep = Sweep::of(&Scene::default(), 0.3, 1);
     for (slice, measured) in sweep.measured.iter().enumerate() {
         let placed = sweep.slices.placed(slice, 0.0).unwrap();
         assert!(placed.abs_diff_eq(*measured, 1e-9), "{slice}");
@@ -69,11 +69,11 @@ fn pose_of_a_slice_is_that_of_its_sample() {
 #[test]
 fn white_noise_is_reduced_within_planes() {
     for seed in 1..4 {
-        let (jitter, [before, after]) = found("0.3 mm, 0.3°", &Sweep::of(&Shown::default(), 0.3, seed), 0.3);
+        let (jitter, [before, after]) = found("0.3 mm, 0.3°", &Sweep::of(&Scene::default(), 0.3, seed), 0.3);
         assert!(jitter.unfit().is_none(), "{:?}", jitter.unfit());
         // Errors across the planes remain.
         assert!(before[1] > 0.6 && after[1] < 0.5 * before[1] && after[0] < 0.8 * before[0]);
-        let (jitter, [before, after]) = found("0.1 mm, 0.1°", &Sweep::of(&Shown::default(), 0.1, seed), 0.1);
+        let (jitter, [before, after]) = found("0.1 mm, 0.1°", &Sweep::of(&Scene::default(), 0.1, seed), 0.1);
         assert!(jitter.unfit().is_none(), "{:?}", jitter.unfit());
         assert!(before[1] > 0.2 && after[1] < 0.55 * before[1] && after[0] < 0.8 * before[0]);
     }
@@ -84,7 +84,7 @@ fn exact_poses_are_refused() {
     for (seed, given) in [(1, 0.3), (2, 0.3), (3, 0.3), (1, 0.1), (2, 0.1), (3, 0.03)] {
         for noise in [1.2, 6.0] {
             let (jitter, [_, after]) =
-                found("exact", &Sweep::of(&Shown { noise, ..Shown::default() }, 0.0, seed), given);
+                found("exact", &Sweep::of(&Scene { noise, ..Scene::default() }, 0.0, seed), given);
             assert!(jitter.fall() < 0.02 && after[0] < 0.05, "{} {after:?}", jitter.fall());
             assert!(matches!(jitter.unfit(), Some(JitterError::NoBetter { .. })), "{:?}", jitter.unfit());
         }
@@ -96,7 +96,7 @@ fn exact_poses_are_refused() {
 fn smoothed_poses_are_refused_or_improved() {
     for seed in 1..4 {
         for given in [0.3, 0.1] {
-            let sweep = Sweep::of(&Shown { is_smooth: true, ..Shown::default() }, 0.3, seed);
+            let sweep = Sweep::of(&Scene { is_smooth: true, ..Scene::default() }, 0.3, seed);
             let (jitter, [before, after]) = found("smoothed", &sweep, given);
             assert!(after[0] < before[0] && after[1] < before[1]);
             assert!(given < 0.3 || jitter.unfit().is_some());
@@ -107,13 +107,13 @@ fn smoothed_poses_are_refused_or_improved() {
 #[test]
 fn images_of_noise_are_refused() {
     for pose in [0.0, 0.3] {
-        let sweep = Sweep::of(&Shown { is_body: false, speckle: 25.0, ..Shown::default() }, pose, 1);
+        let sweep = Sweep::of(&Scene { is_body: false, speckle: 25.0, ..Scene::default() }, pose, 1);
         let (jitter, _) = found("speckle of each image's own", &sweep, 0.3);
         assert!(jitter.correlation.abs() < 0.1 && jitter.fall() < 0.02);
         let refused = sweep.slices.jitter(noise(0.3)).unwrap_err();
         assert!(matches!(refused, CalibrationError::Jitter(JitterError::Unrelated { .. })), "{refused}");
         // Shapes of the body below it.
-        let sweep = Sweep::of(&Shown { speckle: 15.0, ..Shown::default() }, pose, 1);
+        let sweep = Sweep::of(&Scene { speckle: 15.0, ..Scene::default() }, pose, 1);
         let (jitter, _) = found("the same over a body", &sweep, 0.3);
         assert!(matches!(jitter.unfit(), Some(JitterError::NoBetter { .. })), "{:?}", jitter.unfit());
     }
@@ -121,7 +121,7 @@ fn images_of_noise_are_refused() {
 
 #[test]
 fn uniform_images_are_refused() {
-    let mut sweep = Sweep::of(&Shown { is_body: false, noise: 0.0, ..Shown::default() }, 0.3, 1);
+    let mut sweep = Sweep::of(&Scene { is_body: false, noise: 0.0, ..Scene::default() }, 0.3, 1);
     let (jitter, _) = found("uniform", &sweep, 0.3);
     assert!(jitter.largest_mm < 1e-9);
     let refused = jitter.unfit();
@@ -133,7 +133,7 @@ fn uniform_images_are_refused() {
 
 #[test]
 fn few_slices_or_no_noise_are_refused() {
-    let sweep = Sweep::of(&Shown { slices: LEAST_SLICES - 1, ..Shown::default() }, 0.3, 1);
+    let sweep = Sweep::of(&Scene { slices: LEAST_SLICES - 1, ..Scene::default() }, 0.3, 1);
     let refused = sweep.slices.jitter(noise(0.3)).unwrap_err();
     assert_eq!(refused, JitterError::FewSlices { slices: LEAST_SLICES - 1, least: LEAST_SLICES }.into());
     for of in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -146,7 +146,7 @@ fn few_slices_or_no_noise_are_refused() {
 
 #[test]
 fn resting_probe_is_refused() {
-    let sweep = Sweep::of(&Shown { speed_mm_s: 0.0, wander: 0.0, ..Shown::default() }, 0.0, 1);
+    let sweep = Sweep::of(&Scene { speed_mm_s: 0.0, wander: 0.0, ..Scene::default() }, 0.0, 1);
     let refused = sweep.slices.jitter(noise(0.001)).unwrap_err();
     assert!(matches!(refused, CalibrationError::Jitter(JitterError::Unpredicted { .. })), "{refused}");
 }
@@ -154,13 +154,13 @@ fn resting_probe_is_refused() {
 /// Noise that is far larger than stated is no noise of this tracker.
 #[test]
 fn displacements_beyond_the_noise_are_refused() {
-    let (jitter, _) = found("noise of 0.3, stated as 0.1", &Sweep::of(&Shown::default(), 0.3, 1), 0.1);
+    let (jitter, _) = found("noise of 0.3, stated as 0.1", &Sweep::of(&Scene::default(), 0.3, 1), 0.1);
     assert!(matches!(jitter.unfit(), Some(JitterError::Unlikely { .. })), "{:?}", jitter.unfit());
 }
 
 #[test]
 fn large_displacement_is_refused() {
-    let mut sweep = Sweep::of(&Shown::default(), 0.3, 1);
+    let mut sweep = Sweep::of(&Scene::default(), 0.3, 1);
     // The image of one slice is displaced by 10 pixels of 0.5 mm.
     let pixels = &mut sweep.slices.pixels[60].1;
     pixels.copy_within(10.., 0);
@@ -172,7 +172,7 @@ fn large_displacement_is_refused() {
 /// Pushes the slices in another order.
 #[test]
 fn order_of_slices_does_not_count() {
-    let sweep = Sweep::of(&Shown { slices: 60, ..Shown::default() }, 0.3, 1);
+    let sweep = Sweep::of(&Scene { slices: 60, ..Scene::default() }, 0.3, 1);
     let mut other = sweep.slices.clone();
     let order: Vec<usize> = (0..60).map(|k| k * 23 % 60).collect();
     other.pixels = order.iter().map(|slice| sweep.slices.pixels[*slice].clone()).collect();
@@ -185,7 +185,7 @@ fn order_of_slices_does_not_count() {
 
 #[test]
 fn frame_of_the_room_does_not_matter() {
-    let sweep = Sweep::of(&Shown { slices: 60, ..Shown::default() }, 0.3, 2);
+    let sweep = Sweep::of(&Scene { slices: 60, ..Scene::default() }, 0.3, 2);
     let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.7, -2.0, 1.1);
     let room = DAffine3::from_rotation_translation(turn, glam::DVec3::new(300.0, -500.0, 90.0));
     let moved = sweep.moved(room);
@@ -198,17 +198,18 @@ fn frame_of_the_room_does_not_matter() {
 
 #[test]
 fn long_scan_is_corrected_as_a_short_one() {
-    let shown = Shown { slices: 600, speed_mm_s: 3.0, ..Shown::default() };
+    let shown = Scene { slices: 600, speed_mm_s: 3.0, ..Scene::default() };
     let (jitter, [before, after]) = found("600 slices, gaps of 0.1 mm", &Sweep::of(&shown, 0.3, 1), 0.3);
     assert!(jitter.unfit().is_none() && after[1] < 0.5 * before[1], "{:?}", jitter.unfit());
 }
 
 #[test]
 fn covariance_is_that_of_the_sensors_noise() {
-    let sweep = Sweep::of(&Shown { slices: 20, ..Shown::default() }, 0.0, 1);
+    let sweep = Sweep::of(&Scene { slices: 20, ..Scene::default() }, 0.0, 1);
     let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
     let probe_from_picture = DAffine3::from_rotation_translation(turn, glam::DVec3::new(60.0, 110.0, -40.0));
-    let state = State { probe_from_picture, ..State::of(&sweep.slices) };
+    let mut state = State::of(&sweep.slices);
+    state.probe_from_picture = probe_from_picture;
     let prior = Prior::of(&state, noise(0.3));
     let covariance = prior.inverse.try_inverse().unwrap();
     let mut random = Random::new(4);

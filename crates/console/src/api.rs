@@ -12,7 +12,9 @@ use serde_json::{Value, json};
 use tokio::sync::watch;
 use tokio::time::timeout;
 
-use measure::Place;
+use glam::DVec3;
+
+use measure::{Place, Request};
 
 use super::encoded_frame::{EncodedFrame, Kind};
 use super::message::ClientMessage;
@@ -22,7 +24,9 @@ use super::{snapshot, status};
 
 /// Longest wait for a picture that no other client is viewing.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Longest wait for the render thread to answer a pick.
+/// Key that tells whether the volume keeps standard errors.
+const KEEPS_ERRORS: &str = "volume.standard_error";
+/// Longest wait for the session's threads to answer a question.
 const POINTING: Duration = Duration::from_secs(1);
 /// The OpenAPI description of this interface.
 const DESCRIPTION: &str = include_str!("openapi.json");
@@ -53,12 +57,16 @@ fn json_response(status: StatusCode, value: &Value) -> Response {
 
 /// Returns a measurement between places.
 pub(super) async fn measure(State(served): State<Served>, body: String) -> Response {
-    let request = match serde_json::from_str(&body) {
+    let mut request: Request = match serde_json::from_str(&body) {
         Ok(request) => request,
         Err(error) => {
             return refused(StatusCode::UNPROCESSABLE_ENTITY, &format!("this measurement is invalid: {error}"));
         }
     };
+    if let Err(why) = request.check() {
+        return refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string());
+    }
+    find_edges(&served, &mut request).await;
     let (basis, slices) = (served.session.latest.report().basis, Arc::clone(&served.session.slices));
     // Many places among many slices take a while.
     let measured = tokio::task::spawn_blocking(move || measure::measure(&request, &basis.uncertainty, &slices)).await;
@@ -66,6 +74,20 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
         Ok(Ok(measured)) => json_response(StatusCode::OK, &json!(measured)),
         Ok(Err(why)) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why.to_string()),
         Err(error) => refused(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+    }
+}
+
+/// Finds the edges at a measurement's places, if the session keeps standard errors.
+async fn find_edges(served: &Served, request: &mut Request) {
+    let report = served.session.latest.report();
+    let keeps_errors = report.basis.config.get(KEEPS_ERRORS).is_some_and(|key| key.as_bool() == Some(true));
+    if !keeps_errors || report.ended {
+        return;
+    }
+    let places = request.places().map(|place| DVec3::from_array(place.point)).collect();
+    // Without an answer, the measurement does not know the noise.
+    if let Ok(Ok(edges)) = timeout(POINTING, served.session.broadcaster.edges(places)).await {
+        request.places_mut().zip(edges).for_each(|(place, edge)| place.edge = edge);
     }
 }
 

@@ -13,6 +13,7 @@ use glam::DVec3;
 use tokio::sync::{oneshot, watch};
 
 use guidance::ScanGuidance;
+use measure::Edge;
 use pipeline::session::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
@@ -25,6 +26,7 @@ use super::orbit_camera::{OrbitCamera, Steer};
 use super::pick::{Answer, Picks};
 use super::plane_colours;
 use super::planes::{self, Move, Planes};
+use super::questions::Questions;
 use super::request_error::RequestError;
 use super::style::{Choice, ConfiguredStyle, PresentStyle};
 
@@ -50,6 +52,8 @@ pub struct FrameBroadcaster {
     made: [AtomicU32; KINDS],
     camera: Mutex<OrbitCamera>,
     picks: Picks,
+    /// Questions for the edges at places, world mm.
+    edges: Questions<Vec<DVec3>, Vec<Option<Edge>>>,
     planes: Mutex<Planes>,
     style: Mutex<PresentStyle>,
     /// Changes with the style of the volume's picture.
@@ -72,6 +76,7 @@ impl Default for FrameBroadcaster {
             made: Default::default(),
             camera: Mutex::default(),
             picks: Picks::default(),
+            edges: Questions::default(),
             planes: Mutex::default(),
             style: Mutex::default(),
             style_changes: watch::Sender::new(0),
@@ -130,6 +135,12 @@ impl FrameBroadcaster {
     /// [`RequestError`] for a point outside the picture.
     pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, RequestError> {
         self.picks.request(at)
+    }
+
+    /// Asks for the edges in the volume at places, world mm. The channel closes without an answer
+    /// if there are too many requests.
+    pub(super) fn edges(&self, places: Vec<DVec3>) -> oneshot::Receiver<Vec<Option<Edge>>> {
+        self.edges.ask(places)
     }
 
     /// Returns the number of rays cast for picks.
@@ -330,6 +341,10 @@ impl PlaneViewer for FrameBroadcaster {
 
     fn readout_at(&self, extent: &Extent) -> DVec3 {
         self.planes().cross(extent)
+    }
+
+    fn answer_edges(&self, edges: &mut dyn FnMut(&[DVec3]) -> Vec<Option<Edge>>) {
+        self.edges.answer(|places| edges(&places));
     }
 
     fn show_plane(&self, image: &PlaneImage<'_>) {

@@ -45,6 +45,7 @@ mod pick;
 mod plane_colours;
 pub mod planes;
 mod quality;
+mod questions;
 mod request_error;
 mod routes;
 mod served;

@@ -6,8 +6,9 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use config::bedside::SettingsOverride;
-use pipeline::command::{Command, MaskChange};
+use pipeline::command::{Command, Marker, MarkerSource, MaskChange};
 use pipeline::control::CorrectionRequest;
+use sonoweave_core::clock::{Clock as _, Monotonic};
 
 use super::orbit_camera::{From, Steer};
 use super::planes::Move;
@@ -95,6 +96,11 @@ enum MessageJson {
         #[serde(rename = "as")]
         change: MaskChange,
     },
+    /// Marks a moment in the recording, so many ms ago.
+    Mark {
+        #[serde(default)]
+        ago_ms: f64,
+    },
     Save {},
     Snapshot {},
     /// Replays a recording with its recorded settings, except for these keys.
@@ -122,6 +128,12 @@ enum MessageJson {
 enum Correction {
     Smoothing,
     Calibration,
+    Drift,
+    Jitter,
+    /// Against the sweep of this number with light contact, from 1.
+    Pressure {
+        light: usize,
+    },
     Gate,
 }
 
@@ -200,8 +212,7 @@ impl ClientMessage {
         Ok(match json {
             MessageJson::Show { slice, view, planes } => Self::Page(PageMessage::Show { slice, view, planes }),
             MessageJson::Shown { kind, sequence, had_ms } => {
-                let had = Duration::try_from_secs_f64(had_ms / 1e3);
-                let had = had.map_err(|_| RequestError::Duration(had_ms))?;
+                let had = duration("had_ms", had_ms)?;
                 Self::Page(PageMessage::Shown { kind, sequence, had })
             }
             MessageJson::Control {} => Self::Page(PageMessage::Control),
@@ -225,11 +236,21 @@ impl ClientMessage {
             MessageJson::Freeze { on } => Self::Command(Command::Freeze(on)),
             MessageJson::Clear {} => Self::Command(Command::Clear),
             MessageJson::Mask { change } => Self::Command(Command::Mask(change)),
+            MessageJson::Mark { ago_ms } => {
+                let at_ns = Monotonic.now_ns() - duration("ago_ms", ago_ms)?.as_nanos() as i64;
+                let marker = Marker { at_ns, by: MarkerSource::Operator };
+                Self::Command(Command::Mark(marker))
+            }
             MessageJson::Save {} => Self::Command(Command::Save),
             MessageJson::Again { settings } => Self::Replay(settings),
-            MessageJson::Correct { by: Correction::Smoothing } => Self::Correct(CorrectionRequest::Smoothing),
-            MessageJson::Correct { by: Correction::Calibration } => Self::Correct(CorrectionRequest::Calibration),
-            MessageJson::Correct { by: Correction::Gate } => Self::Correct(CorrectionRequest::Gate),
+            MessageJson::Correct { by } => Self::Correct(match by {
+                Correction::Smoothing => CorrectionRequest::Smoothing,
+                Correction::Calibration => CorrectionRequest::Calibration,
+                Correction::Drift => CorrectionRequest::Drift,
+                Correction::Jitter => CorrectionRequest::Jitter,
+                Correction::Pressure { light } => CorrectionRequest::Pressure { light },
+                Correction::Gate => CorrectionRequest::Gate,
+            }),
             MessageJson::Undo { correction } => Self::Correct(CorrectionRequest::Undo(correction)),
         })
     }
@@ -257,6 +278,13 @@ impl ClientMessage {
     }
 }
 
+/// Returns a duration of a message, which is not longer than eleven days.
+fn duration(name: &'static str, ms: f64) -> Result<Duration, RequestError> {
+    let is_valid = (0.0..=1e9).contains(&ms);
+    let duration = is_valid.then(|| Duration::try_from_secs_f64(ms / 1e3).ok()).flatten();
+    duration.ok_or(RequestError::Duration { name, ms })
+}
+
 impl std::convert::From<Steer> for ClientMessage {
     fn from(steer: Steer) -> Self {
         Self::View(ViewMessage::Steer(steer))
@@ -272,6 +300,7 @@ impl std::convert::From<Move> for ClientMessage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sonoweave_core::clock::SECOND;
     use sonoweave_core::region::{ClipRect, Fan};
 
     #[test]
@@ -296,9 +325,20 @@ mod tests {
         ] {
             assert_eq!(ClientMessage::parse(text), Ok(ClientMessage::Command(command)), "{text}");
         }
+        let before_ns = Monotonic.now_ns();
+        let Ok(ClientMessage::Command(Command::Mark(marker))) = ClientMessage::parse("{\"do\":\"mark\"}") else {
+            panic!("a marker")
+        };
+        assert!((before_ns..=Monotonic.now_ns()).contains(&marker.at_ns) && marker.by == MarkerSource::Operator);
+        let earlier = ClientMessage::parse("{\"do\":\"mark\",\"ago_ms\":9e8}");
+        let Ok(ClientMessage::Command(Command::Mark(earlier))) = earlier else { panic!("a marker") };
+        assert!((before_ns..=Monotonic.now_ns()).contains(&(earlier.at_ns + 900_000 * SECOND)));
         for (text, request) in [
             ("{\"do\":\"correct\",\"by\":\"smoothing\"}", CorrectionRequest::Smoothing),
             ("{\"do\":\"correct\",\"by\":\"calibration\"}", CorrectionRequest::Calibration),
+            ("{\"do\":\"correct\",\"by\":\"drift\"}", CorrectionRequest::Drift),
+            ("{\"do\":\"correct\",\"by\":\"jitter\"}", CorrectionRequest::Jitter),
+            ("{\"do\":\"correct\",\"by\":{\"pressure\":{\"light\":2}}}", CorrectionRequest::Pressure { light: 2 }),
             ("{\"do\":\"correct\",\"by\":\"gate\"}", CorrectionRequest::Gate),
             ("{\"do\":\"undo\",\"correction\":3}", CorrectionRequest::Undo(3)),
         ] {
@@ -317,8 +357,11 @@ mod tests {
             "{\"do\":\"reboot\"}",
             "{\"do\":\"freeze\"}",
             "{\"do\":\"correct\"}",
+            "{\"do\":\"correct\",\"by\":\"pressure\"}",
+            "{\"do\":\"correct\",\"by\":\"gate\",\"light\":1}",
             "{\"do\":\"undo\",\"correction\":-1}",
             "{\"do\":\"save\",\"to\":\"/etc\"}",
+            "{\"do\":\"mark\",\"at\":3}",
             "[1]",
         ] {
             let why = ClientMessage::parse(text).unwrap_err().to_string();
@@ -331,12 +374,15 @@ mod tests {
         let shown = |had: &str| ClientMessage::parse(&format!("{{\"do\":\"shown\",\"kind\":2,\"sequence\":7{had}}}"));
         let had = |had| Ok(ClientMessage::Page(PageMessage::Shown { kind: 2, sequence: 7, had }));
         assert_eq!([shown(",\"had_ms\":12.5"), shown("")], [had(Duration::from_micros(12_500)), had(Duration::ZERO)]);
+        assert!(
+            ClientMessage::parse("{\"do\":\"mark\",\"ago_ms\":-1}").unwrap_err().to_string().starts_with("ago_ms must")
+        );
         for wrong in ["-1", "1e300"] {
             assert!(
                 shown(&format!(",\"had_ms\":{wrong}"))
                     .unwrap_err()
                     .to_string()
-                    .starts_with("had_ms must be a number of milliseconds from 0 up, not ")
+                    .starts_with("had_ms must be a number of milliseconds from 0 to 10⁹, not ")
             );
         }
     }

@@ -243,9 +243,10 @@ impl Planes {
     /// Returns the description that precedes a plane's picture.
     pub(super) fn to_json(&self, image: &PlaneImage<'_>, sequence: u32) -> Value {
         let PlaneImage { request, extent, sampled, slices, work, keeps_errors, weighs_shadows, readout, .. } = image;
-        let readout = readout.map(|Readout { value, error }| {
+        let readout = readout.map(|Readout { value, error, halved_by }| {
             let interval = error.map(|error| error.half_width_95());
-            json!({ "value": value, "error": interval, "slices": error.map(|error| error.slices) })
+            let slices = error.map(|error| error.slices);
+            json!({ "value": value, "error": interval, "slices": slices, "halved_by": halved_by })
         });
         let [first, right, down] =
             [request.section.first, request.section.right, request.section.down].map(|v| v.to_array());
@@ -446,7 +447,7 @@ mod tests {
             keeps_errors: true,
             weighs_shadows: true,
             weak: 0.0,
-            readout: Some(Readout { value: 81.5, error: None }),
+            readout: Some(Readout { value: 81.5, error: None, halved_by: None }),
             slices: 5,
             item: 6,
             captured_ns: None,
@@ -458,7 +459,10 @@ mod tests {
             (&json!(6), &json!(9), &json!(5))
         );
         assert_eq!(to_json["plane"]["window"], json!([0.0, 200.0]));
-        assert_eq!(to_json["plane"]["voxel"], json!({ "value": 81.5, "error": null, "slices": null }));
+        assert_eq!(
+            to_json["plane"]["voxel"],
+            json!({ "value": 81.5, "error": null, "slices": null, "halved_by": null })
+        );
         assert_eq!(to_json["plane"]["errors"], json!(false));
         planes.steer(Move::Errors(true)).unwrap();
         assert_ne!(all(&mut planes)[0].style, after[0].style, "the picture is drawn again");

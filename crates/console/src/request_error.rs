@@ -9,9 +9,14 @@ pub(super) enum RequestError {
     /// A text that is no message, with the parser's reason.
     #[error("this is not a valid command: {0}")]
     Command(String),
-    /// A time of a picture that is no duration, ms.
-    #[error("had_ms must be a number of milliseconds from 0 up, not {0}")]
-    Duration(f64),
+    /// A time that is no duration, or is too long, ms.
+    #[error("{name} must be a number of milliseconds from 0 to 10⁹, not {ms}")]
+    Duration {
+        /// The field.
+        name: &'static str,
+        /// Its value.
+        ms: f64,
+    },
     /// The session's own refusal.
     #[error("{0}")]
     Session(String),

@@ -10,9 +10,10 @@ use serde::Serialize;
 use pipeline::session::SessionStatus;
 use sonoweave_core::clock::MS;
 
+use super::breathing::BreathingStatus;
 use super::contact::Contact;
 use super::holes::HolesStatus;
-use super::sensors::SensorStatus;
+use super::sensors::{REFERENCE, SensorStatus};
 use super::speed::{SpeedStatus, Verdict};
 
 /// Time after which a condition is reported, ns.
@@ -58,6 +59,8 @@ pub struct Signs<'a> {
     pub contact: Contact,
     /// The tracker's sensors.
     pub sensors: &'a [SensorStatus],
+    /// Breathing of the body.
+    pub breathing: Option<BreathingStatus>,
     /// The session status.
     pub account: &'a SessionStatus,
     /// Sentence about the calibration's age.
@@ -106,8 +109,18 @@ impl AdviceDebouncer {
 }
 
 /// The keys' first words, the worst first.
-const ORDER: [&str; 9] =
-    ["tracker-lost", "frozen", "contact", "too-fast", "bent", "tracker-weak", "holes", "fast", "calibration"];
+const ORDER: [&str; 10] = [
+    "tracker-lost",
+    "frozen",
+    "contact",
+    "too-fast",
+    "bent",
+    "tracker-weak",
+    "holes",
+    "fast",
+    "breathing",
+    "calibration",
+];
 
 fn rank(key: &str) -> usize {
     let first = key.split(' ').next().unwrap_or_default();
@@ -182,6 +195,16 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         };
         add(How::Heed, "holes".into(), format!("{holes}: {direction}."), more);
     }
+    if let Some(BreathingStatus { period_s, size_mm, speed_mm_s }) = signs.breathing {
+        add(
+            How::Heed,
+            "breathing".into(),
+            format!("The body breathes: sweep slower than {speed_mm_s:.1} mm/s, or each place three times."),
+            format!(
+                "It moves by {size_mm:.0} mm every {period_s:.1} s. `sonoweave correct gate` then leaves frames out."
+            ),
+        );
+    }
     if let Some(sentence) = signs.calibration {
         add(How::Heed, "calibration".into(), sentence.into(), String::new());
     }
@@ -192,7 +215,7 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
 fn sensor_name(name: &str) -> String {
     match name {
         "Probe" => "The probe's sensor".into(),
-        "Reference" => "The patient's sensor".into(),
+        REFERENCE => "The patient's sensor".into(),
         other => format!("The sensor {other}"),
     }
 }

@@ -9,6 +9,7 @@
 //! - [`gap`], [`holes`]: gaps between slices, and their later closure.
 //! - [`contact`]: whether echoes return from the depth of the image.
 //! - [`age`]: advice about the age of the probe calibration.
+//! - [`breathing`]: breathing of the body, by the Reference sensor.
 //! - [`sensors`]: share of the tracker's poses that is valid.
 //! - [`outlines`]: outlines of the holes and the present slice, also for drawing in a plane.
 //! - [`advice`]: all findings in sentences, the worst first, without flicker.
@@ -18,6 +19,7 @@
 
 pub mod advice;
 pub mod age;
+pub mod breathing;
 pub mod contact;
 pub mod gap;
 pub mod holes;
@@ -41,10 +43,11 @@ use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
 
 use advice::{Advice, AdviceDebouncer, Signs};
+use breathing::{Breathing, BreathingStatus};
 use contact::{Contact, Coupling};
 use holes::{Holes, HolesStatus};
 use outlines::Outlines;
-use sensors::{SensorStatus, Sensors};
+use sensors::{REFERENCE, SensorStatus, Sensors};
 use slice_plane::SlicePlane;
 use spacing::Spacing;
 use speed::{Speed, SpeedStatus};
@@ -77,6 +80,8 @@ pub struct GuidanceStatus {
     pub contact: Contact,
     /// The tracker's sensors.
     pub sensors: Vec<SensorStatus>,
+    /// Breathing of the body, if a Reference sensor on it shows that.
+    pub breathing: Option<BreathingStatus>,
     /// Advice, the worst first.
     pub advice: Vec<Advice>,
     /// Slices evaluated.
@@ -100,6 +105,7 @@ struct State {
     present: Option<(SlicePlane, i64)>,
     coupling: Coupling,
     sensors: Sensors,
+    breathing: Breathing,
     advice: AdviceDebouncer,
     slices: u64,
 }
@@ -114,6 +120,7 @@ impl ScanGuidance {
             present: None,
             coupling: Coupling::default(),
             sensors: Sensors::default(),
+            breathing: Breathing::default(),
             advice: AdviceDebouncer::default(),
             slices: 0,
         };
@@ -130,17 +137,29 @@ impl ScanGuidance {
         let holes = state.holes.status(present.as_ref(), travel);
         let contact = state.coupling.contact(now_ns);
         let sensors = state.sensors.status(now_ns);
+        let breathing = state.breathing.status(now_ns);
         let signs = Signs {
             speed: speed.as_ref(),
             holes: &holes,
             contact,
             sensors: &sensors,
+            breathing,
             account,
             calibration: self.settings.calibration.as_deref(),
         };
         let advice = state.advice.of(&signs, now_ns);
         let (slices, pictures) = (state.slices, state.coupling.pictures());
-        GuidanceStatus { spacing: self.settings.spacing, speed, holes, contact, sensors, advice, slices, pictures }
+        GuidanceStatus {
+            spacing: self.settings.spacing,
+            speed,
+            holes,
+            contact,
+            sensors,
+            breathing,
+            advice,
+            slices,
+            pictures,
+        }
     }
 
     /// Returns the outlines of the holes and the present slice.
@@ -216,6 +235,10 @@ impl Observer for ScanGuidance {
     }
 
     fn pose(&self, [from, _]: [&str; 2], sample: &PoseSample) {
-        self.lock().sensors.add(from, sample.time_ns, sample.invalid.as_deref());
+        let mut state = self.lock();
+        state.sensors.add(from, sample.time_ns, sample.invalid.as_deref());
+        if from == REFERENCE && sample.invalid.is_none() {
+            state.breathing.add(sample.time_ns, sample.pose.position_mm);
+        }
     }
 }

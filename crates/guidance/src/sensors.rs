@@ -14,6 +14,9 @@ const MOST_POSES: usize = 1024;
 /// Smallest number of poses for which a share is reported.
 const LEAST: usize = 5;
 
+/// Frame of the sensor on the body.
+pub(super) const REFERENCE: &str = "Reference";
+
 /// Report of a sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensorStatus {

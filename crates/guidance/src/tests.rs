@@ -342,7 +342,7 @@ fn hole_directions_use_image_terms() {
 
 /// Inputs without any problem.
 fn well<'a>(account: &'a SessionStatus, holes: &'a HolesStatus) -> Signs<'a> {
-    Signs { speed: None, holes, contact: Contact::There, sensors: &[], account, calibration: None }
+    Signs { speed: None, holes, contact: Contact::There, sensors: &[], breathing: None, account, calibration: None }
 }
 
 #[test]

@@ -19,6 +19,7 @@ pub use error::MeasureError;
 pub use figure::{Figure, Kind};
 use place::MOST_WIDE_MM;
 pub use place::Place;
+pub use reconstruct::standard_error::Edge;
 pub use sources::{Slices, Source};
 use uncertainty::Cause;
 pub use uncertainty::Uncertainty;
@@ -64,8 +65,43 @@ pub struct Measured {
     pub of_sampling: f64,
     /// The part due to the hand's clicks and the screen's pixels.
     pub of_clicks: f64,
+    /// The part due to noise of the volume, which displaces edges; `None` if the session keeps no
+    /// standard errors, or if no place lies on an edge.
+    pub of_noise: Option<f64>,
     /// Notes for the user.
     pub notes: Vec<String>,
+}
+
+impl Request {
+    /// Returns all places.
+    pub fn places(&self) -> impl Iterator<Item = &Place> {
+        self.points.iter().chain(self.contours.iter().flatten())
+    }
+
+    /// Returns all places, in the same order.
+    pub fn places_mut(&mut self) -> impl Iterator<Item = &mut Place> {
+        self.points.iter_mut().chain(self.contours.iter_mut().flatten())
+    }
+
+    /// Checks the places, and that they are of the kind of figure.
+    ///
+    /// # Errors
+    /// [`MeasureError`] for those that are not.
+    pub fn check(&self) -> Result<(), MeasureError> {
+        let Self { kind, points, contours, pixel_mm } = self;
+        let count = self.places().count();
+        if count > MOST_POINTS {
+            return Err(MeasureError::TooMany { count, most: MOST_POINTS });
+        }
+        self.places().try_for_each(Place::check)?;
+        if !(0.0..=MOST_WIDE_MM).contains(pixel_mm) {
+            return Err(MeasureError::Width { what: "pixel_mm", most_mm: MOST_WIDE_MM });
+        }
+        if (*kind == Kind::Stack) != points.is_empty() || (*kind == Kind::Stack) == contours.is_empty() {
+            return Err(MeasureError::Kind);
+        }
+        Ok(())
+    }
 }
 
 /// Measures a figure among these slices.
@@ -73,18 +109,8 @@ pub struct Measured {
 /// # Errors
 /// [`MeasureError`] for an invalid figure.
 pub fn measure(request: &Request, uncertainty: &Uncertainty, slices: &Slices) -> Result<Measured, MeasureError> {
+    request.check()?;
     let Request { kind, points, contours, pixel_mm } = request;
-    let count = points.len() + contours.iter().map(Vec::len).sum::<usize>();
-    if count > MOST_POINTS {
-        return Err(MeasureError::TooMany { count, most: MOST_POINTS });
-    }
-    points.iter().chain(contours.iter().flatten()).try_for_each(Place::check)?;
-    if !(0.0..=MOST_WIDE_MM).contains(pixel_mm) {
-        return Err(MeasureError::Width { what: "pixel_mm", most_mm: MOST_WIDE_MM });
-    }
-    if (*kind == Kind::Stack) != points.is_empty() || (*kind == Kind::Stack) == contours.is_empty() {
-        return Err(MeasureError::Kind);
-    }
     let (figure, mut places) = match kind {
         Kind::Stack => Figure::stack(contours.clone())?,
         kind => (Figure::new(*kind, points)?, points.clone()),
@@ -100,6 +126,10 @@ pub fn measure(request: &Request, uncertainty: &Uncertainty, slices: &Slices) ->
     if errors.without_tracker {
         notes.push("noise of the tracker or arm unknown, and not included".into());
     }
+    if errors.on_edges > 0 && errors.on_edges < places.len() {
+        let (on, all) = (errors.on_edges, places.len());
+        notes.push(format!("{on} of {all} points lie on edges; the volume's noise is included at these alone"));
+    }
     let known = |is_known: bool, cause| is_known.then(|| interval.of(cause));
     Ok(Measured {
         kind: *kind,
@@ -110,6 +140,7 @@ pub fn measure(request: &Request, uncertainty: &Uncertainty, slices: &Slices) ->
         of_tracker: known(!errors.without_tracker, Cause::Tracker),
         of_sampling: interval.of(Cause::Sampling),
         of_clicks: interval.of(Cause::Clicks),
+        of_noise: known(errors.on_edges > 0, Cause::Noise),
         notes,
     })
 }

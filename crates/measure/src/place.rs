@@ -4,6 +4,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use reconstruct::standard_error::Edge;
 use render::Picked;
 
 use crate::error::MeasureError;
@@ -25,6 +26,9 @@ pub struct Place {
     pub depth_mm: f64,
     /// Width of a screen pixel at the picked place, mm; `None` if not given.
     pub pixel_mm: Option<f64>,
+    /// The volume's values there; `None` if their error is unknown.
+    #[serde(skip)]
+    pub edge: Option<Edge>,
 }
 
 /// Input format: three numbers, or these with all that is known.
@@ -51,20 +55,22 @@ impl From<MarkInput> for Place {
     fn from(input: MarkInput) -> Self {
         match input {
             MarkInput::Point(point) => point.into(),
-            MarkInput::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
+            MarkInput::Place(Known { point, along, depth_mm, pixel_mm }) => {
+                Self { point, along, depth_mm, pixel_mm, edge: None }
+            }
         }
     }
 }
 
 impl From<[f64; 3]> for Place {
     fn from(point: [f64; 3]) -> Self {
-        Self { point, along: [0.0; 3], depth_mm: 0.0, pixel_mm: None }
+        Self { point, along: [0.0; 3], depth_mm: 0.0, pixel_mm: None, edge: None }
     }
 }
 
 impl From<Picked> for Place {
     fn from(Picked { point, along, depth_mm, pixel_mm }: Picked) -> Self {
-        Self { point: point.to_array(), along: along.to_array(), depth_mm, pixel_mm: Some(pixel_mm) }
+        Self { point: point.to_array(), along: along.to_array(), depth_mm, pixel_mm: Some(pixel_mm), edge: None }
     }
 }
 

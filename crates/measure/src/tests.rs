@@ -310,3 +310,55 @@ fn wide_gaps_and_few_slices_enlarge_errors() {
     let [dense, even, wide] = [dense, even, wide].map(|measured| measured.of_tracker.unwrap());
     assert!(dense < 0.65 * even && even < 0.9 * wide, "{dense} {even} {wide}");
 }
+
+#[test]
+fn noise_displaces_edges_along_their_gradient() {
+    // Standard errors of 4 grey levels; gradients of 20 grey levels per mm.
+    let at = |point: [f64; 3], gradient: DVec3| Place {
+        edge: Some(Edge { standard_error: 4.0, gradient }),
+        ..Place::from(point)
+    };
+    let of = |points: Vec<Place>| {
+        let figure = request(if points.len() == 2 { Kind::Distance } else { Kind::Area }, &[]);
+        measured(&Request { points, ..figure }).unwrap()
+    };
+    let distance =
+        |gradients: [DVec3; 2], length: f64| of(vec![at([0.0; 3], gradients[0]), at([length, 0.0, 0.0], gradients[1])]);
+    let along = distance([DVec3::X * 20.0, DVec3::X * -20.0], 30.0);
+    // Each end is displaced by 0.2 mm, one standard deviation; the ends are independent.
+    let near = |error: Option<f64>, mm: f64| (error.unwrap() / (1.959_964 * mm) - 1.0).abs() < 0.02;
+    assert!(near(along.of_noise, 0.2 * 2.0_f64.sqrt()) && along.notes.len() == 2, "{along:?}");
+    let parts = [along.of_sampling, along.of_clicks, along.of_noise.unwrap()].map(|part| part * part);
+    assert!((parts.iter().sum::<f64>().sqrt() / along.error - 1.0).abs() < 1e-9, "{along:?}");
+    // An edge along the distance does not change it.
+    let across = distance([DVec3::Y * 20.0, DVec3::Z * 20.0], 30.0);
+    assert!(across.of_noise.unwrap() < 0.01, "{across:?}");
+    // Where the same noise displaces both ends, they stay apart as they are.
+    let shared = distance([DVec3::X * 20.0; 2], 1.0);
+    assert!(shared.of_noise.unwrap() < 1e-6, "{shared:?}");
+    // No edge is displaced by more than half a kernel: 0.6 mm here.
+    let flat = distance([DVec3::X * 20.0, DVec3::X * 6.0], 30.0);
+    assert!(
+        near(flat.of_noise, 0.2) && flat.notes.iter().any(|note| note.starts_with("1 of 2 points lie on edges")),
+        "{flat:?}"
+    );
+    let nowhere = distance([DVec3::ZERO, DVec3::X * 6.0], 30.0);
+    assert_eq!((nowhere.of_noise, nowhere.notes.len()), (None, 2));
+    assert_eq!(measured(&request(Kind::Distance, &[[0.0; 3], [3.0, 0.0, 0.0]])).unwrap().of_noise, None);
+    // Points of an outline within a kernel share the noise: as many more of them change nothing.
+    let outline = |sides: u32| {
+        let place = |at: [f64; 3]| at_edge_of_circle(at);
+        of((0..sides)
+            .map(|n| f64::from(n) / f64::from(sides) * 2.0 * PI)
+            .map(|a| place([10.0 * a.cos(), 10.0 * a.sin(), 0.0]))
+            .collect())
+    };
+    let [few, many] = [outline(200), outline(400)].map(|area| area.of_noise.unwrap());
+    assert!((few / many - 1.0).abs() < 0.1, "{few} {many}");
+}
+
+/// Returns a place on an edge that looks away from the origin.
+fn at_edge_of_circle(at: [f64; 3]) -> Place {
+    let gradient = DVec3::from_array(at).normalize() * 20.0;
+    Place { edge: Some(Edge { standard_error: 4.0, gradient }), ..Place::from(at) }
+}

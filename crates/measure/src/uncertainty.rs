@@ -9,6 +9,7 @@
 //! | tracker | position and rotation of each sensor, for each slice | the slice's places |
 //! | sampling | kernel, gap between slices, voxel, depth of a pick | one place |
 //! | clicks | the hand, and the screen's pixel | one place |
+//! | noise | values of the volume, by which an edge is displaced | places within a kernel |
 //!
 //! Each error moves the places by a known amount for one standard deviation. Slices count by their
 //! kernel's weight. A figure's variance is the sum over errors of (Σ g·shift)², with the figure's
@@ -26,6 +27,7 @@ use glam::{DAffine3, DVec3};
 use calibration::probe::plane::{ImagePlane, NUMBERS};
 use calibration::probe::plane_covariance::PlaneCovariance;
 use calibration::tracker::noise::TrackerNoise;
+use reconstruct::standard_error::Edge;
 
 use crate::figure::Figure;
 use crate::place::Place;
@@ -68,10 +70,11 @@ pub(crate) enum Cause {
     Tracker,
     Sampling,
     Clicks,
+    Noise,
 }
 
 /// Count of causes.
-const CAUSES: usize = 4;
+const CAUSES: usize = 5;
 
 /// An independent error.
 #[derive(Debug)]
@@ -91,6 +94,8 @@ pub(crate) struct Errors {
     pub(crate) without_calibration: Option<String>,
     /// Whether the tracker's noise is unknown.
     pub(crate) without_tracker: bool,
+    /// Number of places on edges of the volume, whose noise is known.
+    pub(crate) on_edges: usize,
 }
 
 /// A figure's error: 95 % intervals.
@@ -138,8 +143,9 @@ impl Uncertainty {
         for (number, (place, reach)) in places.iter().zip(&reached).enumerate() {
             self.of_place(number, place, reach, &mut components);
         }
+        let on_edges = self.of_noise(places, &mut components);
         components.retain(|component| component.shifts.iter().any(|(_, shift)| *shift != DVec3::ZERO));
-        Errors { components, without_calibration, without_tracker }
+        Errors { components, without_calibration, without_tracker, on_edges }
     }
 
     /// Returns the errors of the sensors at each slice.
@@ -214,6 +220,33 @@ impl Uncertainty {
             vec![right, down]
         };
         screen.into_iter().for_each(|axis| add(Cause::Clicks, axis, variance, 0.0));
+    }
+
+    /// Adds the errors by the volume's noise: it displaces an edge by error over gradient, along
+    /// the gradient. Places nearer than a kernel share the noise. Returns how many places lie on
+    /// edges: beyond half a kernel, the displaced edge would be another one.
+    fn of_noise(&self, places: &[Place], components: &mut Vec<Component>) -> usize {
+        let half_mm = self.hwhm_mm.into_iter().fold(0.0, f64::max);
+        // The first place of each group, with all displacements.
+        let mut groups: Vec<(DVec3, Vec<(usize, DVec3)>)> = Vec::new();
+        for (number, place) in places.iter().enumerate() {
+            let Some(Edge { standard_error, gradient }) = place.edge else { continue };
+            let shift = gradient * (standard_error / gradient.length_squared());
+            // Without a gradient, the displacement is no number.
+            let is_on_edge = shift.length() <= half_mm;
+            if !is_on_edge {
+                continue;
+            }
+            let point = DVec3::from_array(place.point);
+            match groups.iter_mut().find(|(first, _)| first.distance(point) < 2.0 * half_mm) {
+                Some((_, shifts)) => shifts.push((number, shift)),
+                None => groups.push((point, vec![(number, shift)])),
+            }
+        }
+        let on_edges = groups.iter().map(|(_, shifts)| shifts.len()).sum();
+        let component = |(_, shifts)| Component { cause: Cause::Noise, kurtosis: 0.0, shifts };
+        components.extend(groups.into_iter().map(component));
+        on_edges
     }
 }
 

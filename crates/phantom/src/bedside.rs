@@ -18,7 +18,8 @@ use sonoweave_core::frames::{Image as ImageFrame, Probe, Stylus, Tracker, Transf
 use sonoweave_core::rotation::slerp;
 
 use super::bmode::BMode;
-use super::scan::{Scan, probe_from_picture, tracker_from_reference};
+use super::elementary::sin_cos;
+use super::scan::{Scan, ScanSettings, probe_from_picture, tracker_from_reference};
 use super::trajectory::PictureMm;
 use stylus::StylusMotion;
 
@@ -40,6 +41,51 @@ pub struct Bedside {
     stylus: StylusMotion,
     /// Points that the stylus touches, world mm.
     landmarks: Vec<DVec3>,
+    disturbance: Disturbance,
+}
+
+/// Period of the drift, ns.
+const DRIFT_NS: i64 = 60_000_000_000;
+
+/// Slow errors of a scan; none by default.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Disturbance {
+    /// Displacement of the recorded sensor on the transducer: from 0 to so many mm and back, each
+    /// minute.
+    pub drift_mm: f64,
+    /// Displacement of the skin into the image in all sweeps but the first, mm. Tissue below it is
+    /// displaced less, and that at the image's bottom is not.
+    pub pressure_mm: f64,
+}
+
+impl Disturbance {
+    /// Returns the drift at a time after the first frame.
+    fn drift(&self, after_ns: i64) -> DVec3 {
+        let phase = after_ns.max(0) as f64 / DRIFT_NS as f64 * std::f64::consts::TAU;
+        DVec3::new(0.6, 0.0, 0.8) * (0.5 * self.drift_mm * (1.0 - sin_cos(phase).1))
+    }
+
+    /// Displaces an image's tissue by pressure; rows are `mm` apart. Tissue of depth v is shown at
+    /// v + p·(1 − v/h)², for an image of height h. Above the skin is what is seen there.
+    fn press(&self, grey: &mut [f64], width: usize, mm: f64) {
+        let rows = grey.len() / width;
+        let (p, h) = (self.pressure_mm, (rows - 1) as f64 * mm);
+        if p == 0.0 || rows < 2 {
+            return;
+        }
+        let before = grey.to_vec();
+        for (row, grey) in grey.chunks_exact_mut(width).enumerate() {
+            // The share x of the height with h·x + p·(1 − x)² = depth of the row.
+            let (half, above) = (0.5 * (h - 2.0 * p), p - row as f64 * mm);
+            let x = ((half * half - p * above).max(0.0).sqrt() - half) / p;
+            let at = (x * h / mm).clamp(0.0, (rows - 1) as f64);
+            let (first, share) = (at as usize, at.fract());
+            let second = (first + 1).min(rows - 1);
+            for (u, grey) in grey.iter_mut().enumerate() {
+                *grey = (1.0 - share) * before[first * width + u] + share * before[second * width + u];
+            }
+        }
+    }
 }
 
 impl Bedside {
@@ -47,7 +93,13 @@ impl Bedside {
     /// static. The scan gives the frame interval.
     pub fn new(scan: Scan, begin_ns: i64) -> Self {
         let landmarks = scan.settings().scene.landmarks();
-        Self { scan, begin_ns, stylus: StylusMotion::default(), landmarks }
+        Self { scan, begin_ns, stylus: StylusMotion::default(), landmarks, disturbance: Disturbance::default() }
+    }
+
+    /// Has these slow errors.
+    #[must_use]
+    pub fn with_disturbance(self, disturbance: Disturbance) -> Self {
+        Self { disturbance, ..self }
     }
 
     /// Moves the stylus in this way.
@@ -66,13 +118,23 @@ impl Bedside {
     fn left(&self, at_ns: i64) -> (u32, f64) {
         let last = self.scan.frames() - 1;
         let interval = self.scan.settings().interval_ns.max(1);
-        // The time for one way of the sweep.
-        let way = interval.saturating_mul(i64::from(last)).max(1);
+        let way = self.way_ns();
         let gone = at_ns.saturating_sub(self.begin_ns).max(0) % way.saturating_mul(2);
         let gone = gone.min(way.saturating_mul(2) - gone);
         // Both are within the scan.
         let frame = ((gone / interval) as u32).min(last.saturating_sub(1));
         (frame, (gone - i64::from(frame) * interval) as f64 / interval as f64)
+    }
+
+    /// Returns the time for one way of the sweep, ns.
+    fn way_ns(&self) -> i64 {
+        let interval = self.scan.settings().interval_ns.max(1);
+        interval.saturating_mul(i64::from(self.scan.frames() - 1)).max(1)
+    }
+
+    /// Returns how many times the sweep has been finished.
+    fn pass(&self, at_ns: i64) -> i64 {
+        at_ns.saturating_sub(self.begin_ns).max(0) / self.way_ns()
     }
 
     /// Returns the pose of the image plane at a time, host ns.
@@ -93,9 +155,14 @@ impl Bedside {
         self.world_from_picture(at_ns) * self.scan.picture_from_image()
     }
 
-    /// Returns the pose of the sensor on the transducer at a time.
+    /// Returns the recorded pose of the sensor on the transducer at a time.
     pub fn tracker_from_probe(&self, at_ns: i64) -> Transform<Tracker, Probe> {
-        self.tracker_from_reference(at_ns) * self.world_from_picture(at_ns) * probe_from_picture().inverse()
+        let mut recorded = self.world_from_picture(at_ns);
+        if self.disturbance.drift_mm > 0.0 {
+            let drift = self.disturbance.drift(at_ns.saturating_sub(self.begin_ns));
+            recorded = Transform::from_affine(DAffine3::from_translation(drift) * recorded.affine());
+        }
+        self.tracker_from_reference(at_ns) * recorded * probe_from_picture().inverse()
     }
 
     /// Returns the pose of the sensor on the patient at a time; the patient breathes. Its frame
@@ -165,7 +232,11 @@ impl Bedside {
                 bmode.paint(&pose, number, room, pixels);
                 return;
             }
-            let grey = bedside.scan.clean_at(pose, at_ns, number, &mut room);
+            let mut grey = bedside.scan.clean_at(pose, at_ns, number, &mut room);
+            if bedside.pass(at_ns) > 0 {
+                let ScanSettings { image_size, pixel_mm, .. } = bedside.scan.settings();
+                bedside.disturbance.press(&mut grey, image_size[0] as usize, pixel_mm[1]);
+            }
             // Adding 0.5 before `floor` rounds to nearest; the cast clips.
             pixels.iter_mut().zip(grey).for_each(|(pixel, grey)| *pixel = (grey + 0.5).floor() as u8);
         })
@@ -186,7 +257,7 @@ mod tests {
     use sonoweave_core::reading::{Frame, Pose, Reading};
     use sonoweave_core::{Device, Next};
 
-    use super::super::{ScanSettings, Scanner, body};
+    use super::super::{Scanner, body};
     use super::*;
 
     const BEGIN: i64 = 7 * SECOND;
@@ -232,6 +303,39 @@ mod tests {
         let z = |ns: i64| bedside.world_from_picture(BEGIN + ns).affine().translation;
         let [a, half, b] = [10 * interval, 10 * interval + interval / 2, 11 * interval].map(z);
         assert!((half - a.midpoint(b)).length() < 1e-6);
+    }
+
+    #[test]
+    fn drift_moves_recorded_poses_and_pressure_later_images() {
+        let plain = bedside(small());
+        let disturbance = Disturbance { drift_mm: 2.0, pressure_mm: 1.5 };
+        let disturbed = Arc::new(Bedside::new(plain.scan.clone(), BEGIN).with_disturbance(disturbance));
+        let moved = |after_ns: i64| {
+            let [a, b] = [&plain, &disturbed].map(|of| of.tracker_from_probe(BEGIN + after_ns).affine().translation);
+            a.distance(b)
+        };
+        assert!(moved(0) < 1e-12 && (moved(30 * SECOND) - 2.0).abs() < 1e-9 && (moved(15 * SECOND) - 1.0).abs() < 1e-9);
+        // Images of the first sweep are the same. Later ones show the skin 1.5 mm deeper, where
+        // rows are 0.8 mm apart, and the bottom where it was.
+        let image = |of: &Arc<Bedside>, after_ns: i64| {
+            let mut pixels = vec![0; 64 * 48];
+            of.pictures()(BEGIN + after_ns, &mut pixels);
+            pixels
+        };
+        let interval = plain.scan.settings().interval_ns;
+        assert!(image(&plain, 10 * interval) == image(&disturbed, 10 * interval));
+        let [light, pressed] = [&plain, &disturbed].map(|of| image(of, 70 * interval));
+        assert!(light != pressed && light[47 * 64..] == pressed[47 * 64..]);
+        for row in 4..44 {
+            let (v, h) = (0.8 * row as f64, 0.8 * 47.0);
+            let shown = (v + 1.5 * (1.0 - v / h).powi(2)) / 0.8;
+            let (first, share) = (shown as usize, shown.fract());
+            for u in 0..64 {
+                let there = |row: usize| f64::from(pressed[row * 64 + u]);
+                let off = (1.0 - share) * there(first) + share * there(first + 1) - f64::from(light[row * 64 + u]);
+                assert!(off.abs() < 4.0, "{row} {u}: {off}");
+            }
+        }
     }
 
     /// Interpolates the pose of a station at a time between its neighbours.

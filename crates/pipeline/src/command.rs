@@ -1,6 +1,7 @@
 //! The commands to a session. The page, HTTP, OpenIGTLink, signals and the command line all
 //! send them, and the running session receives the same ones.
 
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 pub use mask::MaskChange;
@@ -20,10 +21,31 @@ pub enum Command {
     Clear,
     /// Changes the mask of later slices, or confirms the present one.
     Mask(MaskChange),
+    /// Marks a moment in the recording.
+    Mark(Marker),
     /// Writes the present volume.
     Save,
     /// Changes a setting of the running session.
     Set(Setting),
+}
+
+/// A marked moment: a phase of breathing or of the heart, by which frames may be gated later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Marker {
+    /// Host time, ns.
+    pub at_ns: i64,
+    /// Its source.
+    pub by: MarkerSource,
+}
+
+/// Source of a marker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MarkerSource {
+    /// A key or a request.
+    Operator,
+    /// An edge on a serial line's input.
+    Line,
 }
 
 /// A setting that may change while a session runs.

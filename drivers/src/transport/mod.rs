@@ -4,6 +4,7 @@
 //! is gone.
 
 mod holder;
+pub mod input_line;
 mod memory;
 pub mod serial;
 pub mod tcp;

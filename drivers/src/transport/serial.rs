@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use serialport::{ClearBuffer, FlowControl, SerialPort, SerialPortType, TTYPort};
+use serialport::{ClearBuffer, FlowControl, SerialPort, SerialPortBuilder, SerialPortType, TTYPort};
 
 use sonoweave_core::clock::Clock;
 
@@ -54,8 +54,8 @@ impl Opener for SerialOpener {
     }
 
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
-        let builder = serialport::new(self.name.as_str(), self.port.baud).flow_control(FlowControl::None);
-        let mut port = builder.open_native().map_err(|error| refusal(&self.port.path, &error))?;
+        let mut port =
+            named(&self.port.path, self.port.baud).open_native().map_err(|error| refusal(&self.port.path, &error))?;
         prefer_low_latency(&self.port.path);
         // Not fatal: the search for the first record would drop these bytes, too.
         if let Err(error) = port.clear(ClearBuffer::All) {
@@ -118,8 +118,13 @@ fn lasting_name(path: &Path) -> Option<String> {
     Some(found.display().to_string())
 }
 
+/// Returns a port that is to be opened, without handshake.
+pub(super) fn named(path: &Path, baud: u32) -> SerialPortBuilder {
+    serialport::new(path.to_string_lossy(), baud).flow_control(FlowControl::None)
+}
+
 /// Converts an error at opening to reason and remedy.
-fn refusal(path: &Path, error: &serialport::Error) -> LineError {
+pub(super) fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     if !path.exists() {
         return LineError::Absent("no such file".into());
     }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::DAffine3;
 
 use calibration::crossings::Checked;
+use calibration::drift::Slip;
 use calibration::file::{CalibrationFile, Latency};
 use config::Settings;
 use sonoweave_core::frames::Transform;
@@ -21,6 +22,8 @@ pub(crate) use options::Options;
 /// A checked calibration.
 pub(crate) struct Found {
     pub(crate) checked: Checked,
+    /// The sweep before which the sensor slipped or the body moved, if the sweeps tell one.
+    pub(crate) slip: Option<Slip>,
     /// From image to probe by the calibration found.
     pub(crate) probe_from_image: DAffine3,
     /// Latencies of video and tracker in use, ms. A sequence's frames hold the poses of their
@@ -73,10 +76,13 @@ impl Options {
         let lag_s = in_use_ms.map_or(0.0, |[video_ms, tracker_ms]| 1e-3 * (tracker_ms - video_ms));
         let slices = slices(&source, calibration, Poses::Smoothed, lag_s, &mut notes)?;
         let checked = slices.checked().map_err(|why| Failure::new(format!("no check: {why}")))?;
+        // Sweeps that do not tell are no reason against the check.
+        let slip = slices.slipped().ok().flatten();
         let inputs = source.paths().into_iter().chain(self.config.as_deref()).map(Input::of);
         Ok(Found {
             probe_from_image: checked.corrected(in_use),
             checked,
+            slip,
             in_use_ms,
             inputs: inputs.collect::<Result<_, _>>()?,
             notes,
@@ -95,6 +101,34 @@ impl Options {
 }
 
 impl Found {
+    /// Returns the failure of a calibration that no longer holds, or of a check that does not tell.
+    pub(crate) fn alarm(&self) -> Option<Failure> {
+        let checked = &self.checked;
+        if let Some(slip) = &self.slip {
+            return Some(Failure::new(format!(
+                "{slip}; check the sensor on the probe, and record again, or undo its effect by `sonoweave correct drift`"
+            )));
+        }
+        if let Some(why) = checked.undecided() {
+            return Some(Failure::new(format!("no check: {why}")));
+        }
+        if checked.has_slipped() {
+            return Some(Failure::new(format!(
+                "the calibration displaces the image by {:.2} mm, with a standard error of {:.2} mm; check the sensor on \
+                 the probe and the scanner's depth, then calibrate by a phantom, or write the calibration found with -o",
+                checked.shift_mm, checked.shift_se_mm
+            )));
+        }
+        let [lag_s, se_s] = checked.lag_s.map(|s| 1e3 * s);
+        // A sequence's poses are those of its frames, which no calibration changes.
+        (self.in_use_ms.is_some() && checked.is_late()).then(|| {
+            Failure::new(format!(
+                "the tracker's latency is off by {lag_s:.1} ms, with a standard error of {se_s:.1} ms; run `sonoweave \
+                 calibrate latency`, or write the calibration found with -o"
+            ))
+        })
+    }
+
     /// Returns the calibration for the new file.
     pub(crate) fn result(&self, outputs: &Outputs) -> ProbeResult {
         let names: Vec<String> = self.inputs.iter().map(Input::name).collect();

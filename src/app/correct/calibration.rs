@@ -62,14 +62,6 @@ pub(crate) fn compute(session: &Path) -> Result<Correction, Failure> {
     .into_iter()
     .collect();
     evidence.extend(checks);
-    let kind = Kind::Calibration;
-    Ok(Correction {
-        id: 0,
-        kind,
-        version: kind.version(),
-        inputs: poses::hash(&before),
-        settings,
-        evidence,
-        result: CorrectionResult::Poses(computed.poses.into_iter().collect()),
-    })
+    let result = CorrectionResult::Poses(computed.poses.into_iter().collect());
+    Ok(Correction::new(Kind::Calibration, &before, settings, evidence, result))
 }

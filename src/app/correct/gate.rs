@@ -2,14 +2,11 @@
 
 use std::path::Path;
 
-use serde_json::json;
-
 use pipeline::session::RecordedDecisions;
 
 use super::gating::left_out;
 use super::note::{Correction, CorrectionResult, Kind};
-use super::options::Settings;
-use super::poses;
+use super::options::{Settings, Stored as _};
 use super::standing::Standing;
 use crate::failure::Failure;
 
@@ -22,15 +19,5 @@ pub(crate) fn compute(session: &Path, settings: &Settings) -> Result<Correction,
     let decisions = RecordedDecisions::read(session)?;
     let (_, poses) = Standing::of(session, &decisions)?.before(Kind::Gate);
     let (left_out, evidence) = left_out(session, settings, &poses)?;
-    let kind = Kind::Gate;
-    let stored = json!(settings);
-    Ok(Correction {
-        id: 0,
-        kind,
-        version: kind.version(),
-        inputs: poses::hash(&poses),
-        settings: stored.as_object().cloned().unwrap_or_default().into_iter().collect(),
-        evidence,
-        result: CorrectionResult::LeftOut(left_out),
-    })
+    Ok(Correction::new(Kind::Gate, &poses, settings.stored()?, evidence, CorrectionResult::LeftOut(left_out)))
 }

@@ -10,7 +10,7 @@ use config::bedside::Bedside;
 use config::bedside::devices::REFERENCE_FRAME;
 use pipeline::session::RecordedDecisions;
 use sonoweave_core::slice::Pixels;
-use sync::gating::{DepthShift, Gate, LEAST_SHARE, Signal};
+use sync::gating::{DepthShift, Gate, LEAST_SHARE, PhaseGate, Signal};
 
 use super::options::{GateSignal, Settings};
 use super::poses::{Poses, transform};
@@ -36,40 +36,57 @@ pub(super) fn left_out(
             "the gate must use a share of {LEAST_SHARE} to 1 of the frames; give another one"
         )));
     }
+    if !(0.0..1.0).contains(&settings.phase) {
+        return Err(no_gate("the phase must lie between 0 and 1; give another one".into()));
+    }
     let decisions = RecordedDecisions::read(session)?;
+    let markers_ns = decisions.markers_ns().map_err(|why| no_gate(format!("a marker cannot be read: {why}")))?;
     let bedside = Kept::bedside(session, &decisions)?;
     let times_ns = decisions.placed_times_ns();
     let frames: Vec<u64> = poses.keys().copied().filter(|frame| times_ns.contains_key(frame)).collect();
-    let times_s: BTreeMap<u64, f64> = times_ns.iter().map(|(frame, ns)| (*frame, *ns as f64 * 1e-9)).collect();
-    let reference = reference(session, &bedside)?;
-    let (name, signal) = match (settings.signal, reference) {
-        (None | Some(GateSignal::Reference), Some(signal)) => (GateSignal::Reference, signal),
-        (Some(GateSignal::Reference), None) => {
-            return Err(no_gate("the session has no Reference sensor; give --signal images".into()));
-        }
-        (None | Some(GateSignal::Images), _) => (GateSignal::Images, images(session, &bedside, poses, &times_s)?),
-    };
+    let seconds = |ns: &i64| *ns as f64 * 1e-9;
+    let times_s: BTreeMap<u64, f64> = times_ns.iter().map(|(frame, ns)| (*frame, seconds(ns))).collect();
     let frames_s: Vec<f64> = frames.iter().map(|frame| times_s[frame]).collect();
-    let gate = Gate::new(&signal, &frames_s, settings.share).map_err(|why| no_gate(why.to_string()))?;
+    let signal = settings.signal.or((!markers_ns.is_empty()).then_some(GateSignal::Markers));
+    let of_signal = |signal: &Signal| {
+        let gate = Gate::new(signal, &frames_s, settings.share).map_err(|why| no_gate(why.to_string()))?;
+        Ok::<_, Failure>((json!(gate), gate.accepted, gate.missing_s[1]))
+    };
+    let reference = || reference(session, &bedside);
+    let (name, (evidence, accepted, missing_s)) = match signal {
+        Some(GateSignal::Markers) => {
+            let markers_s: Vec<f64> = markers_ns.iter().map(seconds).collect();
+            let gate = PhaseGate::new(&markers_s, &frames_s, settings.share, settings.phase);
+            let gate = gate.map_err(|why| no_gate(why.to_string()))?;
+            (GateSignal::Markers, (json!(gate), gate.accepted, gate.missing_s[1]))
+        }
+        Some(GateSignal::Images) => (GateSignal::Images, of_signal(&images(session, &bedside, poses, &times_s)?)?),
+        asked => match (reference()?, asked) {
+            (Some(signal), _) => (GateSignal::Reference, of_signal(&signal)?),
+            (None, None) => (GateSignal::Images, of_signal(&images(session, &bedside, poses, &times_s)?)?),
+            (None, Some(_)) => {
+                return Err(no_gate("the session has no Reference sensor; give --signal images".into()));
+            }
+        },
+    };
     let places = places(&frames, poses)?;
-    let holes = holes(&places, &gate.accepted);
+    let holes = holes(&places, &accepted);
+    let speed_mm_s = BRIDGED_MM / missing_s;
     if holes > MOST_HOLES {
         return Err(no_gate(format!(
-            "the gate would leave holes around {:.0} % of the frames, as none is used for up to {:.1} s; sweep at {:.1} \
-             mm/s or slower, or several times",
-            100.0 * holes,
-            gate.missing_s[1],
-            gate.speed_mm_s(BRIDGED_MM)
+            "the gate would leave holes around {:.0} % of the frames, as none is used for up to {missing_s:.1} s; sweep \
+             at {speed_mm_s:.1} mm/s or slower, or several times",
+            100.0 * holes
         )));
     }
     let left_out: Vec<u64> =
-        frames.iter().zip(&gate.accepted).filter(|(_, accepted)| !**accepted).map(|(frame, _)| *frame).collect();
-    let mut evidence = json!(gate).as_object().cloned().unwrap_or_default();
+        frames.iter().zip(&accepted).filter(|(_, accepted)| !**accepted).map(|(frame, _)| *frame).collect();
+    let mut evidence = evidence.as_object().cloned().unwrap_or_default();
     evidence.insert("signal".to_owned(), json!(name));
     evidence.insert("frames_before".to_owned(), json!(frames.len()));
     evidence.insert("frames".to_owned(), json!(frames.len() - left_out.len()));
     evidence.insert("holes".to_owned(), json!(holes));
-    evidence.insert("speed_mm_s".to_owned(), json!(gate.speed_mm_s(BRIDGED_MM)));
+    evidence.insert("speed_mm_s".to_owned(), json!(speed_mm_s));
     Ok((left_out, evidence))
 }
 

@@ -11,7 +11,7 @@ use super::file::CorrectionFile;
 use super::note::{Correction, Kind};
 use super::options::Settings;
 use super::standing::Standing;
-use super::{calibration, gate, smoothing};
+use super::{calibration, drift, gate, jitter, pressure, smoothing};
 use crate::failure::Failure;
 
 /// Time before and after a frame over which a page's smoothing averages, ms.
@@ -85,22 +85,24 @@ pub(crate) fn standing(session: &Path) -> Result<Vec<ListedCorrection>, Failure>
 /// # Errors
 /// [`Failure`] when the session does not determine the correction; nothing is stored then.
 pub(crate) fn change(session: &Path, request: CorrectionRequest) -> Result<String, Failure> {
-    let kind = match request {
-        CorrectionRequest::Smoothing => Kind::Smoothing,
-        CorrectionRequest::Calibration => Kind::Calibration,
-        CorrectionRequest::Gate => Kind::Gate,
+    let mut file = CorrectionFile::of(session)?;
+    let (kind, compute): (Kind, Box<dyn Fn() -> Result<Correction, Failure>>) = match request {
+        CorrectionRequest::Smoothing => (Kind::Smoothing, Box::new(|| smoothing::compute(session, HALF_WIDTH_MS))),
+        CorrectionRequest::Calibration => (Kind::Calibration, Box::new(|| calibration::compute(session))),
+        CorrectionRequest::Drift => (Kind::Drift, Box::new(|| drift::compute(session))),
+        CorrectionRequest::Jitter => (Kind::Jitter, Box::new(|| jitter::compute(session))),
+        CorrectionRequest::Pressure { light } => (Kind::Pressure, Box::new(move || pressure::compute(session, light))),
+        CorrectionRequest::Gate => {
+            let settings = Settings { share: SHARE, signal: None, phase: 0.0 };
+            (Kind::Gate, Box::new(move || gate::compute(session, &settings)))
+        }
         CorrectionRequest::Undo(id) => {
-            CorrectionFile::of(session)?.undo(id)?;
+            file.undo(id)?;
             return Ok(format!("correction {id} is undone"));
         }
     };
-    let mut file = CorrectionFile::of(session)?;
     file.check(kind)?;
-    let correction = match kind {
-        Kind::Smoothing => smoothing::compute(session, HALF_WIDTH_MS)?,
-        Kind::Calibration => calibration::compute(session)?,
-        Kind::Gate => gate::compute(session, &Settings { share: SHARE, signal: None })?,
-    };
+    let correction = compute()?;
     let words = correction.words();
     let id = file.accept(correction)?;
     Ok(format!("correction {id} ({kind}) is stored: {words}"))

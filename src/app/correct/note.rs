@@ -7,6 +7,8 @@ use serde_json::{Map, Value};
 
 use config::bedside::SettingsOverride;
 
+use super::poses::{self, Poses};
+
 /// Name in the evidence of the corrected poses' error at an image's corners, root mean square.
 pub(crate) const ERROR_RMS_MM: &str = "error_rms_mm";
 
@@ -18,6 +20,12 @@ pub(crate) enum Kind {
     Smoothing,
     /// The image's pose at the probe and the latency are others.
     Calibration,
+    /// Poses drift slowly from sweep to sweep.
+    Drift,
+    /// Frames are displaced within their planes, by the images of their neighbours.
+    Jitter,
+    /// Tissue is compressed by the probe.
+    Pressure,
     /// Frames at which breathing displaces the body are left out.
     Gate,
 }
@@ -28,6 +36,9 @@ impl Kind {
         match self {
             Self::Smoothing => "smoothing",
             Self::Calibration => "calibration",
+            Self::Drift => "drift",
+            Self::Jitter => "jitter",
+            Self::Pressure => "pressure",
             Self::Gate => "gate",
         }
     }
@@ -35,7 +46,7 @@ impl Kind {
     /// Returns the version of its method. A change of the method's results makes it the next.
     pub(crate) fn version(self) -> u32 {
         match self {
-            Self::Smoothing | Self::Calibration | Self::Gate => 1,
+            Self::Smoothing | Self::Calibration | Self::Drift | Self::Jitter | Self::Pressure | Self::Gate => 1,
         }
     }
 }
@@ -66,6 +77,18 @@ pub(crate) struct Correction {
 }
 
 impl Correction {
+    /// Returns a correction that was computed from these poses; it gets its number when it is
+    /// stored.
+    pub(super) fn new(
+        kind: Kind,
+        before: &Poses,
+        settings: SettingsOverride,
+        evidence: Map<String, Value>,
+        result: CorrectionResult,
+    ) -> Self {
+        Self { id: 0, kind, version: kind.version(), inputs: poses::hash(before), settings, evidence, result }
+    }
+
     /// Returns the numbers by which it was judged, in words.
     pub(crate) fn words(&self) -> String {
         let number = |name: &str| self.evidence.get(name).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -81,18 +104,37 @@ impl Correction {
                 number("moved_rms_mm"),
                 number("moved_most_mm")
             ),
-            CorrectionResult::LeftOut(_) => format!(
-                "{} of {} frames are used; the body moves by {:.2} mm (standard deviation) in these, and by {:.2} mm \
-                 in all; a sweep at {:.1} mm/s leaves no holes",
-                number("frames"),
+            CorrectionResult::Compressions(compressions) => format!(
+                "the images of {} of {} frames are stretched; the skin was pressed by {:.2} mm (rms; at most {:.2})",
+                compressions.len(),
                 number("frames_before"),
-                motion_mm(1),
-                motion_mm(0),
-                number("speed_mm_s")
+                number("skin_rms_mm"),
+                number("skin_max_mm")
             ),
+            CorrectionResult::LeftOut(_) => {
+                let motion = if self.evidence.contains_key("motion_mm") {
+                    format!(
+                        "the body moves by {:.2} mm (standard deviation) in these, and by {:.2} mm in all",
+                        motion_mm(1),
+                        motion_mm(0)
+                    )
+                } else {
+                    format!("markers are {:.1} s apart", number("period_s"))
+                };
+                format!(
+                    "{} of {} frames are used; {motion}; a sweep at {:.1} mm/s leaves no holes",
+                    number("frames"),
+                    number("frames_before"),
+                    number("speed_mm_s")
+                )
+            }
         }
     }
 }
+
+/// Displacement of tissue over depth, by the frame's number: depth below the image's first row, and
+/// displacement towards greater depth, mm.
+pub(super) type Compressions = Vec<(u64, Vec<[f64; 2]>)>;
 
 /// Result of a correction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -101,6 +143,9 @@ pub(crate) enum CorrectionResult {
     /// The poses of all frames that have one: the frame's number, and pixels to world mm, three
     /// rows of four.
     Poses(Vec<(u64, [f64; 12])>),
+    /// The displacement of tissue in frames: the frame's number, and knots of depth below the
+    /// image's first row and of displacement towards greater depth, mm.
+    Compressions(Compressions),
     /// The numbers of frames that are left out, ascending.
     LeftOut(Vec<u64>),
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use serde_json::{Map, json};
 use sha2::{Digest as _, Sha256};
 
@@ -26,11 +26,11 @@ pub(super) const IMAGE_TO_PROBE: &str = "calibration.image_to_probe";
 /// Pixels to world mm by the frame's number: three rows of four.
 pub(super) type Poses = BTreeMap<u64, [f64; 12]>;
 
-/// The poses of a session by other settings.
+/// Corrected poses of a session.
 pub(super) struct Computed {
     pub(super) poses: Poses,
     /// Width and height of a frame, pixels.
-    size: [u32; 2],
+    pub(super) size: [u32; 2],
     pub(super) smoothing: Option<SmoothingStatus>,
 }
 
@@ -84,6 +84,11 @@ pub(super) fn hash(poses: &Poses) -> String {
 /// Returns a pose's rows without the last, which is (0, 0, 0, 1).
 fn rows(pose: &Transform<World, Image>) -> [f64; 12] {
     std::array::from_fn(|at| pose.to_rows()[at])
+}
+
+/// Returns a map's rows without the last.
+pub(super) fn rows_of(world_from_image: DAffine3) -> [f64; 12] {
+    rows(&Transform::from_affine(world_from_image))
 }
 
 /// Returns the transform of three rows.

@@ -63,14 +63,6 @@ pub(crate) fn compute(session: &Path, half_width_ms: f64) -> Result<Correction, 
     evidence.insert("not_smoothed".to_owned(), json!(account.not_smoothed));
     evidence.insert(ERROR_RMS_MM.to_owned(), json!(account.error_rms_mm));
     evidence.insert("sensors".to_owned(), json!(account.sensors));
-    let kind = Kind::Smoothing;
-    Ok(Correction {
-        id: 0,
-        kind,
-        version: kind.version(),
-        inputs: poses::hash(&before),
-        settings,
-        evidence,
-        result: CorrectionResult::Poses(computed.poses.into_iter().collect()),
-    })
+    let result = CorrectionResult::Poses(computed.poses.into_iter().collect());
+    Ok(Correction::new(Kind::Smoothing, &before, settings, evidence, result))
 }

@@ -4,22 +4,20 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use calibration::pressure::Compression;
 use config::bedside::SettingsOverride;
 use pipeline::session::{CorrectedFrames, RecordedDecisions};
 
 use super::file::CorrectionFile;
-use super::gating::left_out;
 use super::note::{Correction, CorrectionResult, ERROR_RMS_MM, Kind};
-use super::options::Settings;
-use super::poses::{self, Poses, hash, transform};
-use crate::app::provenance::program;
+use super::poses::{Poses, hash, transform};
 use crate::failure::Failure;
 
 /// The corrections of a session that stand, in the order in which they are applied.
 #[derive(Debug)]
 pub(crate) struct Standing {
     /// Each correction, the program that computed it, and whether it is applied: it is not stale.
-    all: Vec<(Correction, String, bool)>,
+    pub(super) all: Vec<(Correction, String, bool)>,
     /// The recorded poses.
     recorded: Poses,
 }
@@ -94,48 +92,17 @@ impl Standing {
                     let pose = |(frame, rows): &(u64, [f64; 12])| Ok((*frame, transform(*frame, rows)?));
                     frames.poses = Some(poses.iter().map(pose).collect::<Result<_, Failure>>()?);
                 }
+                CorrectionResult::Compressions(compressions) => {
+                    let compression = |(frame, knots): &(u64, Vec<[f64; 2]>)| {
+                        let known = Compression::new(knots.clone());
+                        Ok((*frame, known.map_err(|why| Failure::new(format!("frame {frame}: {why}")))?))
+                    };
+                    frames.compressions = compressions.iter().map(compression).collect::<Result<_, Failure>>()?;
+                }
                 CorrectionResult::LeftOut(left_out) => frames.left_out.extend(left_out),
             }
         }
         Ok(Some(frames))
-    }
-
-    /// Computes the applied corrections of other programs again. Returns a sentence for each whose
-    /// result this program would compute otherwise. The stored result is the one that is applied.
-    ///
-    /// # Errors
-    /// [`Failure`] when the session cannot be read.
-    pub(crate) fn differences(&self, session: &Path) -> Result<Vec<String>, Failure> {
-        let own = program();
-        let mut found = Vec::new();
-        for (correction, by, _) in self.all.iter().filter(|(_, by, is_applied)| *is_applied && *by != own) {
-            let Correction { id, kind, settings, result, .. } = correction;
-            if let CorrectionResult::LeftOut(stored) = result {
-                let now = left_out(session, &Settings::of(settings)?, &self.before(*kind).1)?;
-                if now.0 != *stored {
-                    found.push(format!(
-                        "correction {id} ({kind}) is applied as stored, by version {by}: it leaves {} frames out, and \
-                         this version would leave {} out. Undo it and compute it again to use that",
-                        stored.len(),
-                        now.0.len()
-                    ));
-                }
-                continue;
-            }
-            let Some(stored) = poses_of(correction) else { continue };
-            let (mut all, _) = self.before(*kind);
-            all.extend(settings.clone());
-            let now = poses::poses(session, &all)?;
-            if hash(&now.poses) != hash(&stored) {
-                let moved = now.moved(&stored)?;
-                let most = moved.get("moved_most_mm").and_then(Value::as_f64).unwrap_or(f64::NAN);
-                found.push(format!(
-                    "correction {id} ({kind}) is applied as stored, by version {by}; this version would place the \
-                     images up to {most:.3} mm elsewhere. Undo it and compute it again to use that"
-                ));
-            }
-        }
-        Ok(found)
     }
 }
 
@@ -152,6 +119,6 @@ fn stands_in_order<'a>(
 fn poses_of(correction: &Correction) -> Option<Poses> {
     match &correction.result {
         CorrectionResult::Poses(poses) => Some(poses.iter().copied().collect()),
-        CorrectionResult::LeftOut(_) => None,
+        CorrectionResult::Compressions(_) | CorrectionResult::LeftOut(_) => None,
     }
 }

@@ -17,9 +17,11 @@ use pipeline::session::{
 };
 use sonoweave_core::clock::{Clock, Monotonic};
 
+use super::crossings_check;
 use super::ended::{Ended, Leave};
 use super::foreign::{refuse_example, refuse_size};
 use super::home::Home;
+use super::markers::Markers;
 use super::options::{Operator, SessionOptions};
 use super::outputs::line;
 use super::reload::Reload;
@@ -44,6 +46,7 @@ pub(super) struct LiveApp<'a> {
     pub(super) igtl: Option<IgtlServer>,
     pub(super) viewers: Option<Arc<Viewers>>,
     pub(super) home: Home,
+    pub(super) markers: Option<Markers>,
     pub(super) began: Instant,
 }
 
@@ -163,6 +166,10 @@ impl LiveApp<'_> {
             self.publisher.publish_igtl(igtl.numbers());
         }
         self.operator.reporter.status(&|| line(status));
+        for sentence in self.markers.iter().flat_map(Markers::sentences) {
+            self.operator.reporter.say(&sentence);
+            self.controller.report(Progress::Failed, sentence);
+        }
         let mut instructions: Vec<_> = self.controller.commands().into_iter().map(Instruction::from).collect();
         if quits {
             instructions.push(Command::Stop.into());
@@ -186,6 +193,15 @@ impl LiveApp<'_> {
         self.publisher.over(ended.status());
         if let Some(recording) = ended.recording() {
             controller.report(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
+            let (controller, path) = (Arc::clone(&controller), recording.path.clone());
+            // The next session may begin meanwhile.
+            std::thread::Builder::new().name("crossings".into()).spawn(move || {
+                match crossings_check::check(&path) {
+                    Some(Ok(sentence)) => controller.report(Progress::Done, sentence),
+                    Some(Err(sentence)) => controller.report(Progress::Failed, sentence),
+                    None => {}
+                }
+            })?;
         }
         while !self.quit.load(Ordering::Relaxed) {
             let Some(next) = controller.opens() else {
@@ -216,6 +232,11 @@ impl LiveApp<'_> {
         }
         let (bedside, wall) = (self.reload.bedside(), self.began.elapsed());
         leave(&Ended { bedside, finished: &finished, wall, replayed: None, differences: None })?;
+        match finished.recording.as_ref().and_then(|recording| crossings_check::check(&recording.path)) {
+            Some(Err(sentence)) => self.operator.reporter.say(&sentence),
+            Some(Ok(sentence)) if !self.options.quiet => self.operator.reporter.say(&sentence),
+            _ => {}
+        }
         Ok(finished.recording.map(|recording| recording.path))
     }
 }

@@ -14,6 +14,7 @@ use super::browser;
 use super::ended::Leave;
 use super::foreign::refuse_example;
 use super::home::Home;
+use super::markers::Markers;
 use super::options::{Operator, SessionOptions};
 use super::reload::Reload;
 use super::status_publisher::{StatusPublisher, policy};
@@ -78,6 +79,7 @@ pub(crate) fn session(
     let igtl = options.sharing.begin(&bedside.igtl.allow, &quit, *reporter, options.quiet)?;
     igtl.iter().for_each(|igtl| igtl.control(&controller));
     let broadcaster = publisher.broadcaster();
+    let markers = bedside.marker_line.as_ref().map(|line| Markers::open(line, &controller)).transpose()?;
     let viewers = Viewers::of(&bedside.picture, display.as_ref(), *keeps_picture, broadcaster.as_ref());
     let app = LiveApp {
         options,
@@ -90,6 +92,7 @@ pub(crate) fn session(
         igtl,
         viewers,
         home: Home::default(),
+        markers,
         began: Instant::now(),
     };
     app.run(leave)

@@ -6,7 +6,7 @@ use clap::{ArgGroup, Args};
 
 use super::super::Failure;
 use super::done::{Calibrate, Done, Outlets};
-use crate::app::calibrate::crossings::{Found, Options};
+use crate::app::calibrate::crossings::Options;
 use crate::app::calibrate::outputs::Outputs;
 use report::Report;
 
@@ -51,30 +51,7 @@ impl Calibrate for Arguments {
             }
             (None, _) => outputs.write_changed(|_| (), &report)?,
         };
-        let failure = if outputs.file().is_some() { None } else { alarm(&found) };
+        let failure = if outputs.file().is_some() { None } else { found.alarm() };
         Ok(Done { failure, ..Done::new(report.text(outputs), document) })
     }
-}
-
-/// Returns the failure of a calibration that no longer holds, or of a check that does not tell.
-fn alarm(found: &Found) -> Option<Failure> {
-    let checked = &found.checked;
-    if let Some(why) = checked.undecided() {
-        return Some(Failure::new(format!("no check: {why}")));
-    }
-    if checked.has_slipped() {
-        return Some(Failure::new(format!(
-            "the calibration displaces the image by {:.2} mm, with a standard error of {:.2} mm; check the sensor on the \
-            probe and the scanner's depth, then calibrate by a phantom, or write the calibration found with -o",
-            checked.shift_mm, checked.shift_se_mm
-        )));
-    }
-    let [lag_s, se_s] = checked.lag_s.map(|s| 1e3 * s);
-    // A sequence's poses are those of its frames, which no calibration changes.
-    (found.in_use_ms.is_some() && checked.is_late()).then(|| {
-        Failure::new(format!(
-            "the tracker's latency is off by {lag_s:.1} ms, with a standard error of {se_s:.1} ms; run `sonoweave \
-            calibrate latency`, or write the calibration found with -o"
-        ))
-    })
 }

@@ -20,10 +20,10 @@ const LEVER: DVec3 = DVec3::new(0.0, 110.0, 0.0);
 
 /// The settings of a sweep.
 #[derive(Clone)]
-pub(super) struct Shown {
+pub(super) struct Scene {
     pub(super) slices: usize,
     pub(super) speed_mm_s: f64,
-    /// Of the hand, in its usual ones.
+    /// The hand's motion, in its usual one.
     pub(super) wander: f64,
     /// Whether the images show a body, or a uniform one.
     pub(super) is_body: bool,
@@ -34,7 +34,7 @@ pub(super) struct Shown {
     pub(super) is_smooth: bool,
 }
 
-impl Default for Shown {
+impl Default for Scene {
     fn default() -> Self {
         Self { slices: 120, speed_mm_s: 10.5, wander: 1.0, is_body: true, noise: 1.2, speckle: 0.0, is_smooth: false }
     }
@@ -98,7 +98,7 @@ pub(super) fn slices(samples: &[PoseSample], mut grey: impl FnMut(usize, DVec3) 
 
 impl Sweep {
     /// `error` is the white noise of a pose along and about each axis, mm and degrees.
-    pub(super) fn of(shown: &Shown, error: f64, seed: u64) -> Self {
+    pub(super) fn of(shown: &Scene, error: f64, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let body = Body::new(&mut random);
         let sizes = |sizes: [f64; 3]| sizes.map(|size| size * shown.wander);

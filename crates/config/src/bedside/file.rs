@@ -18,7 +18,7 @@ use super::reader::{Effective, Reader};
 use super::remote::Remote;
 use super::schema::values::TextOr;
 use super::schema::{self, FORMAT, VERSION};
-use super::session::{Igtl, Pairing, Process, Record, Scanner, Status};
+use super::session::{Igtl, MarkerLine, Pairing, Process, Record, Scanner, Status};
 use super::virtual_bedside::{self, VirtualBedside};
 use super::volume::{Picture, Volume};
 use crate::error::Error;
@@ -56,6 +56,8 @@ pub struct Bedside {
     pub status: Status,
     /// The OpenIGTLink server.
     pub igtl: Igtl,
+    /// The line that marks moments, if there is one.
+    pub marker_line: Option<MarkerLine>,
     /// The session among other programs.
     pub process: Process,
     /// The virtual bedside, if a device belongs to it.
@@ -178,6 +180,7 @@ impl Bedside {
         let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
         let status = Status::read(Reader::new(path, Some(root), "status", &mut effective)?)?;
         let igtl = Igtl::read(Reader::new(path, Some(root), "igtl", &mut effective)?)?;
+        let marker_line = MarkerLine::read(Reader::new(path, Some(root), "markers", &mut effective)?)?;
         let process = Process::read(Reader::new(path, Some(root), "process", &mut effective)?)?;
         let (path, kind) = (path.to_owned(), Kind::Bedside);
         Ok(Self {
@@ -194,6 +197,7 @@ impl Bedside {
             record,
             status,
             igtl,
+            marker_line,
             process,
             virtual_bedside,
             effective,

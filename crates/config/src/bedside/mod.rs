@@ -48,7 +48,9 @@ pub use file::Bedside;
 pub use reader::Effective;
 pub use remote::Remote;
 pub use schema::{FORMAT, VERSION};
-pub use session::{Access, Igtl, Pairing, Process, Realtime, Record, Scanner, Status};
+pub use session::{
+    Access, Igtl, MarkerEdge, MarkerInput, MarkerLine, Pairing, Process, Realtime, Record, Scanner, Status,
+};
 pub use settings_override::{Setting, SettingsOverride};
 pub use virtual_bedside::VirtualBedside;
 pub use volume::{Picture, Volume};

@@ -70,6 +70,7 @@ pub static SECTIONS: LazyLock<Vec<Section>> = LazyLock::new(|| {
         Section::of::<session::Record>("record"),
         Section::of::<session::Status>("status"),
         Section::of::<session::Igtl>("igtl"),
+        Section::of::<session::Markers>("markers"),
         Section::of::<session::Process>("process"),
         Section::of::<virtual_bedside::Virtual>("virtual"),
         Section::of::<virtual_bedside::Line>("virtual.line"),

@@ -13,7 +13,7 @@ use super::reader::Reader;
 use super::schema::{self, values::ns};
 use crate::{Error, values};
 
-pub use super::schema::session::Realtime;
+pub use super::schema::session::{MarkerEdge, MarkerInput, Realtime};
 
 /// Pairing of frames with poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,6 +132,24 @@ impl Status {
         let names = names.collect::<Result<Vec<_>, _>>()?;
         keys.note("names", &names);
         Ok(Self { listen, access: Access { certificate, key, token_file, metrics_token_file, names } })
+    }
+}
+
+/// A line that marks moments.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MarkerLine {
+    /// The serial port.
+    pub port: PathBuf,
+    /// Its input.
+    pub input: MarkerInput,
+    /// The edge that marks a moment.
+    pub edge: MarkerEdge,
+}
+
+impl MarkerLine {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Option<Self>, Error> {
+        let schema::session::Markers { port, input, edge } = keys.read()?;
+        Ok(port.map(|port| Self { port: port.into(), input: input.0, edge: edge.0 }))
     }
 }
 

@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use drivers::simulated::Faults;
+use phantom::bedside::Disturbance;
 use phantom::bedside::arm::{BedsideArm, standard_arm};
 use phantom::bedside::stylus::StylusMotion;
 use phantom::named::{MotionOptions, ProbeName, SceneOptions, TrajectoryName};
@@ -31,6 +32,8 @@ pub struct VirtualBedside {
     pub scan: Arc<Scan>,
     /// The motion of the stylus, if there is one.
     pub stylus: StylusMotion,
+    /// Slow errors of the scan.
+    pub disturbance: Disturbance,
     /// Frames a second of the grabber.
     pub rate_hz: f64,
     /// Renders its images before the session begins, one for each frame of the scan.
@@ -44,9 +47,12 @@ pub struct VirtualBedside {
 impl fmt::Debug for VirtualBedside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // A scan's scene and beams have a hundred thousand numbers, so they are left out.
-        let Self { scan: _, stylus, rate_hz, painted, line, grabber } = self;
+        let Self { scan: _, stylus, disturbance, rate_hz, painted, line, grabber } = self;
         let mut text = f.debug_struct("VirtualBedside");
-        text.field("stylus", stylus).field("rate_hz", rate_hz).field("painted", painted);
+        text.field("stylus", stylus)
+            .field("disturbance", disturbance)
+            .field("rate_hz", rate_hz)
+            .field("painted", painted);
         text.field("line", line).field("grabber", grabber).finish_non_exhaustive()
     }
 }
@@ -102,6 +108,10 @@ impl VirtualBedside {
             return Err(keys.error("scene", problem));
         }
         let unfit = |e: PhantomError| keys.unfit(Error::setting("", e.to_string()), |setting| setting);
+        if given.pressure_mm > 0.0 && scanner.is_some() {
+            return Err(keys.error("pressure_mm", "the scene has simulated echoes, which are not pressed; give blobs"));
+        }
+        let disturbance = Disturbance { drift_mm: given.tracker_drift_mm, pressure_mm: given.pressure_mm };
         let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
         let scan = Scan::new(ScanSettings {
             motion: trajectory.motion(&MotionOptions::default(), &scene),
@@ -119,8 +129,8 @@ impl VirtualBedside {
             first_ns: 0,
             interval_ns: (1e9 / rate_hz).round() as i64,
         });
-        let hand =
-            ScannedHand { scan: scan.map_err(unfit)?, stylus, rate_hz, painted: given.painted, seed: seed.into() };
+        let scan = scan.map_err(unfit)?;
+        let hand = ScannedHand { scan, stylus, disturbance, rate_hz, painted: given.painted, seed: seed.into() };
         Ok((hand, keys.into_table()))
     }
 }
@@ -129,6 +139,7 @@ impl VirtualBedside {
 pub(super) struct ScannedHand {
     scan: Scan,
     stylus: StylusMotion,
+    disturbance: Disturbance,
     rate_hz: f64,
     painted: bool,
     seed: u64,
@@ -136,10 +147,10 @@ pub(super) struct ScannedHand {
 
 impl ScannedHand {
     pub(super) fn with_faults(self, line: Faults, grabber: Faults) -> VirtualBedside {
-        let Self { scan, stylus, rate_hz, painted, seed } = self;
+        let Self { scan, stylus, disturbance, rate_hz, painted, seed } = self;
         // The two devices have different random faults.
         let (line, grabber) = (Faults { seed, ..line }, Faults { seed: seed.wrapping_add(1), ..grabber });
-        VirtualBedside { scan: Arc::new(scan), stylus, rate_hz, painted, line, grabber }
+        VirtualBedside { scan: Arc::new(scan), stylus, disturbance, rate_hz, painted, line, grabber }
     }
 }
 

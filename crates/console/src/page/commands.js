@@ -1,7 +1,7 @@
-// The session commands: record, freeze, clear, snapshot, save. Each has a button and a key. The
-// page asks for confirmation before a command that loses data.
+// The session commands: record, freeze, clear, mark, snapshot, save. Each has a button and a key.
+// The page asks for confirmation before a command that loses data.
 
-const KEYS = { r: "record", f: "freeze", Delete: "clear", k: "snapshot", v: "save" };
+const KEYS = { r: "record", f: "freeze", Delete: "clear", b: "mark", k: "snapshot", v: "save" };
 
 export class CommandButtons {
   #buttons = {};
@@ -86,6 +86,8 @@ export class CommandButtons {
     set("freeze", runs, frozen ? "Slices go into the volume again (key F)" : "Pictures are no longer used until this is pressed again (key F)");
     this.#buttons.freeze.setAttribute("aria-pressed", String(frozen));
     set("clear", runs && this.#volume !== null && this.#volume !== undefined, "Throws the volume away and begins it anew (key Delete)");
+    set("mark", runs && records, "Marks this moment in the recording, such as the end of breathing out, for a gate by markers (key B)");
+    this.#buttons.mark.hidden = !(runs && records);
     set("snapshot", may && keeps, `Keeps the pictures that you see as PNG files (key K)${nowhere}`);
     set("save", may && keeps && saving === null && Boolean(this.#volume), `Writes the volume as it is now, with its weights (key V)${nowhere}`);
   }

@@ -237,8 +237,8 @@ function unknown({ of_calibration: calibration }) {
   return calibration === null ? ", calibration error unknown" : "";
 }
 
-function parts({ kind, of_calibration: calibration, of_tracker: tracker, of_sampling: sampling, of_clicks: clicks, unit }) {
-  const causes = { calibration, tracker, sampling, clicks };
+function parts({ kind, of_calibration: calibration, of_tracker: tracker, of_sampling: sampling, of_clicks: clicks, of_noise: noise, unit }) {
+  const causes = { calibration, tracker, sampling, clicks, noise };
   const known = Object.entries(causes).filter(([, error]) => error !== null).map(([cause, error]) => `${cause} ${error.toFixed(2)}`);
   return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known.join(", ")} ${unit})`;
 }

@@ -9,6 +9,7 @@ import { JPEG } from "./header.js";
 import { Levels } from "./levels.js";
 import { LOOKS, Plane } from "./plane.js";
 import { add, within } from "./space.js";
+import { readout } from "./words.js";
 
 // The page keeps its own cross position until the session confirms it, or for at most this
 // long, ms: earlier messages may be outdated.
@@ -21,12 +22,6 @@ const OVERLAYS = { "planes-errors": "errors", "planes-weak": "weakly_seen" };
 
 export const KINDS = Object.keys(LOOKS).map(Number);
 
-// Says a voxel's grey value, with its 95 % interval if that is known.
-function said({ value, error, slices }) {
-  if (error === null) return `grey ${value.toFixed(0)}`;
-  return `grey ${value.toFixed(1)} ± ${error.toFixed(1)}, ${slices.toFixed(1)} slices`;
-}
-
 export class Planes {
   #of;
   #send;
@@ -35,7 +30,7 @@ export class Planes {
   #changed;
   #steers = false;
   #cross = null;
-  // The voxel there, as the session read it: { value, error, slices, cross }.
+  // The voxel there, as the session read it: { value, error, slices, halved_by, cross }.
   #voxel = null;
   // The plane that a hand used last.
   #used = null;
@@ -197,7 +192,7 @@ export class Planes {
   #caption() {
     const at = `at ${this.#cross.map((mm) => mm.toFixed(1)).join(", ")} mm`;
     const here = this.#voxel?.cross.every((mm, n) => Math.abs(mm - this.#cross[n]) < SAME);
-    const text = here ? `${at}: ${said(this.#voxel)}` : at;
+    const text = here ? `${at}: ${readout(this.#voxel)}` : at;
     if (this.#of("planes-caption").textContent !== text) this.#of("planes-caption").textContent = text;
   }
 

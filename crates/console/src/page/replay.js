@@ -5,6 +5,8 @@
 
 import { many } from "./words.js";
 
+// Corrections by their buttons and commands.
+const CORRECTIONS = ["smoothing", "calibration", "drift", "jitter", "pressure", "gate"];
 const LIVE_COMMANDS = ["record", "scan", "freeze", "clear"];
 // Headings of the settings, in the processing order of a slice.
 const GROUPS = [
@@ -44,7 +46,7 @@ export class Replay {
     of("settings-open").addEventListener("click", () => this.#begin());
     of("settings-close").addEventListener("click", () => of("settings").close());
     of("settings-as-recorded").addEventListener("click", () => this.#again({}));
-    for (const by of ["smoothing", "calibration", "gate"]) of(`correct-${by}`).addEventListener("click", () => this.#correct({ do: "correct", by }));
+    for (const by of CORRECTIONS) of(`correct-${by}`).addEventListener("click", () => this.#correct({ do: "correct", by: by === "pressure" ? { pressure: { light: of("correct-light").valueAsNumber } } : by }));
     of("settings-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.#again(this.#changed());
@@ -119,7 +121,7 @@ export class Replay {
 
   // Lists the corrections that stand, each with a button to undo it.
   #listCorrections(corrections, may) {
-    for (const by of ["smoothing", "calibration", "gate"]) this.#of(`correct-${by}`).disabled = !may || corrections.some(({ kind }) => kind === by);
+    for (const by of CORRECTIONS) this.#of(`correct-${by}`).disabled = !may || corrections.some(({ kind }) => kind === by);
     const shown = JSON.stringify([corrections, may]);
     if (shown === this.#listed) return;
     this.#listed = shown;

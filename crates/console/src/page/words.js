@@ -229,3 +229,11 @@ function gauge({ verdict, says, edge_mm_per_s: edge, even_mm_per_s: even, gaples
     says: `Speed across the picture: ${says}; even up to ${Math.round(even)} mm/s, without gaps up to ${Math.round(gapless)} mm/s`,
   };
 }
+
+/// Returns a voxel's grey value, with its 95 % interval if that is known, and whether another sweep
+/// would halve it.
+export function readout({ value, error, slices, halved_by: further }) {
+  if (error === null) return `grey ${value.toFixed(0)}`;
+  const known = `grey ${value.toFixed(1)} ± ${error.toFixed(1)}, ${slices.toFixed(1)} slices`;
+  return further === null ? known : `${known}; sweep here again: ${Math.ceil(further)} more halve the error`;
+}

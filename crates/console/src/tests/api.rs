@@ -177,7 +177,7 @@ fn openapi_describes_every_path_and_command() {
             let value = match key.as_str() {
                 "at" => serde_json::json!(vec![0.5; what["maxItems"].as_u64().unwrap() as usize]),
                 "points" => serde_json::json!([[0, 0], [255, 1]]),
-                "as" => what["oneOf"][0]["enum"][0].clone(),
+                "as" | "by" if what["oneOf"].is_array() => what["oneOf"][0]["enum"][0].clone(),
                 "preset" => serde_json::json!("tissue"),
                 "settings" => serde_json::json!({ "volume.spacing_mm": 1 }),
                 "number" | "correction" => serde_json::json!(1),

@@ -6,7 +6,7 @@
 //!            ▼                                     │
 //! opening ─▶ running ── stop ─▶ ending ─▶ over ────┘
 //!            │   ▲
-//!            └───┘ freeze, clear, save
+//!            └───┘ freeze, clear, mark, save
 //! ```
 //!
 //! A recorded session holds all of its volume in its recording, so that it can be replayed.
@@ -201,6 +201,7 @@ impl SessionController {
                     | Command::Freeze(_)
                     | Command::Clear
                     | Command::Mask(_)
+                    | Command::Mark(_)
                     | Command::Set(_)
             )
         {
@@ -214,6 +215,7 @@ impl SessionController {
                 | Command::Freeze(_)
                 | Command::Clear
                 | Command::Mask(_)
+                | Command::Mark(_)
                 | Command::Set(_),
                 Phase::Opening | Phase::Ending,
             ) => Err(ControlError::Busy),
@@ -228,9 +230,15 @@ impl SessionController {
                 self.turn.store(true, Ordering::Relaxed);
                 Ok(if records { "a new volume begins, with a recording" } else { "a new volume begins" }.into())
             }
-            (Command::Stop | Command::Freeze(_) | Command::Clear | Command::Mask(_) | Command::Set(_), Phase::Over) => {
-                Err(ControlError::Over)
-            }
+            (
+                Command::Stop
+                | Command::Freeze(_)
+                | Command::Clear
+                | Command::Mask(_)
+                | Command::Mark(_)
+                | Command::Set(_),
+                Phase::Over,
+            ) => Err(ControlError::Over),
             (Command::Stop, Phase::Running) => {
                 (state.next, state.stopped) = (None, true);
                 self.turn.store(true, Ordering::Relaxed);
@@ -265,6 +273,11 @@ impl SessionController {
                     MaskChange::Keep => "the mask is confirmed".into(),
                     _ => format!("slices have another mask from now on: {change}"),
                 })
+            }
+            (Command::Mark(_), Phase::Running) if !records => Err(ControlError::NotRecorded),
+            (Command::Mark(_), Phase::Running) => {
+                state.waiting.push(command);
+                Ok("the moment is marked".into())
             }
             (Command::Set(_), Phase::Running) => {
                 state.waiting.push(command);

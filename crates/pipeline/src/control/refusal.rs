@@ -22,6 +22,9 @@ pub enum ControlError {
     /// The session is recorded already.
     #[error("the session is already being recorded; stop it before you begin another")]
     AlreadyRecording,
+    /// The session is not recorded.
+    #[error("the session is not recorded; record it to mark moments")]
+    NotRecorded,
     /// The session runs already.
     #[error("the session is already running; clear it to begin a new volume")]
     AlreadyRunning,

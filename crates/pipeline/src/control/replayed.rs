@@ -27,6 +27,15 @@ pub enum CorrectionRequest {
     Smoothing,
     /// Correct calibration and latency by crossing sweeps.
     Calibration,
+    /// Correct slow drift by crossing sweeps.
+    Drift,
+    /// Correct frames within their planes by their neighbours' images.
+    Jitter,
+    /// Undo the compression of tissue.
+    Pressure {
+        /// Number of the sweep with light contact, from 1.
+        light: usize,
+    },
     /// Leave frames out by breathing.
     Gate,
     /// Undo the correction of this number.

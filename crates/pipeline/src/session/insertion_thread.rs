@@ -91,6 +91,8 @@ impl OutcomeSink for OutcomeReporter<'_> {
         let mut status = status.lock();
         status.volume = self.pending.extent();
         status.memory.observer_bytes = observer_bytes;
+        let weighs_shadows = inserted.reconstructor.settings().shadow_weights.is_some();
+        status.dark_slices = weighs_shadows.then(|| inserted.reconstructor.work().without_shadows);
         let volume = inserted.reconstructor.volume();
         (status.memory.volume_bytes, status.memory.growth_bytes) = (volume.bytes(), volume.growth_bytes());
         status.ledger.used();

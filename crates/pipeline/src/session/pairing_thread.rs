@@ -231,12 +231,12 @@ impl<'a> Pairing<'a> {
                 if let Some(queue) = self.common.decisions.and_then(|decisions| decisions.was_dropped(item)) {
                     return self.common.drop_before(queue, item);
                 }
-                let world_from_image = match self.common.decisions {
+                let (world_from_image, image) = match self.common.decisions {
                     Some(decisions) => match decisions.corrected(item, placed.world_from_image) {
-                        Ok(pose) => pose,
+                        Ok(pose) => (pose, decisions.corrected_image(item, image, &pose)),
                         Err(refusal) => return self.common.refuse(&refusal),
                     },
-                    None => placed.world_from_image,
+                    None => (placed.world_from_image, image),
                 };
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image };
                 let world = self.timed.route().world();

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 
-use reconstruct::standard_error::VoxelError;
+use reconstruct::standard_error::{Edge, Noise, VoxelError};
 use reconstruct::{PathReconstructor, StandardErrors};
 use render::section::{Box3, Planar, Sampled, Section};
 use volume::brick::BrickIndex;
@@ -29,6 +29,9 @@ pub struct Readout {
     pub value: f32,
     /// Its error, if the volume keeps it.
     pub error: Option<VoxelError>,
+    /// Further slices that halve the error, if these are no more than reach most other voxels:
+    /// another sweep gives as many.
+    pub halved_by: Option<f64>,
 }
 
 /// Properties of the volume that planes show, and its voxel at a place.
@@ -44,7 +47,7 @@ pub(super) struct PlaneErrors {
     /// Copies of the planes' bricks whose values are standard errors; empty unless they are shown.
     pub(super) subset: BrickSubset,
     is_shown: bool,
-    noise: Option<(f64, Instant)>,
+    noise: Option<(Noise, Instant)>,
     pose_mm: f64,
 }
 
@@ -68,6 +71,17 @@ impl PlaneErrors {
         self.noise.map(|(noise, _)| StandardErrors::with_noise(general, noise, self.pose_mm))
     }
 
+    /// Returns the edges at places, world mm; `None` for those that are unseen, and for all if the
+    /// volume keeps no errors.
+    pub(super) fn edges(&mut self, shared: &Shared, places: &[DVec3]) -> Vec<Option<Edge>> {
+        let state = shared.lock();
+        let found = state.inserter.reconstructor();
+        let Some((errors, found)) = found.and_then(|found| Some((self.of(found)?, found))) else {
+            return vec![None; places.len()];
+        };
+        places.iter().map(|place| errors.edge(voxel_at(found, *place))).collect()
+    }
+
     /// Returns the bricks that are read while insertion waits: fewer with errors, out of `without`.
     pub(super) fn part(&self, without: usize) -> usize {
         if self.is_shown { without / COSTS } else { without }
@@ -89,14 +103,14 @@ impl PlaneErrors {
         let Some(reconstructor) = state.inserter.reconstructor() else {
             return VolumeReadout { keeps_errors: false, weighs_shadows: false, voxel: None };
         };
-        let lattice = reconstructor.world_from_lattice().affine().inverse().transform_point3(place);
-        let voxel = lattice.round().to_array().map(|x| x as i64);
+        let voxel = voxel_at(reconstructor, place);
         let (r, w) = reconstructor.volume().voxel(voxel);
-        let mut error = || self.of(reconstructor)?.at(voxel);
+        let error = if w > SEEN { self.of(reconstructor).and_then(|errors| errors.at(voxel)) } else { None };
+        let halved_by = error.and_then(|error| error.halved_by(&self.noise?.0));
         VolumeReadout {
             keeps_errors: reconstructor.keeping_errors().is_some(),
             weighs_shadows: reconstructor.settings().shadow_weights.is_some(),
-            voxel: (w > SEEN).then(|| Readout { value: r / w, error: error() }),
+            voxel: (w > SEEN).then(|| Readout { value: r / w, error, halved_by }),
         }
     }
 
@@ -119,4 +133,10 @@ impl PlaneErrors {
         let planar = Planar { volume: &self.subset, place, team: None };
         !errors.is_empty() && planar.sample_again(section, pixels, errors)
     }
+}
+
+/// Returns the voxel around a place, world mm.
+fn voxel_at(reconstructor: &PathReconstructor, place: DVec3) -> [i64; 3] {
+    let lattice = reconstructor.world_from_lattice().affine().inverse().transform_point3(place);
+    lattice.round().to_array().map(|x| x as i64)
 }

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use rustix::time::{ClockId, clock_gettime};
 
+use reconstruct::standard_error::Edge;
 use render::section::{Box3, Planar, Sampled, Section};
 use volume::brick::{BrickIndex, EDGE};
 use volume::lattice::Shifted;
@@ -55,6 +56,10 @@ pub trait PlaneViewer: Send + Sync {
 
     /// Returns the place whose voxel is read out, world mm, in a volume of this extent.
     fn readout_at(&self, extent: &Extent) -> DVec3;
+
+    /// Answers waiting questions for the edges at places, world mm, by this function. It is called
+    /// at least every 0.1 s or so, whether planes are viewed or not.
+    fn answer_edges(&self, edges: &mut dyn FnMut(&[DVec3]) -> Vec<Option<Edge>>);
 
     /// Receives a plane's present image.
     fn show_plane(&self, image: &PlaneImage<'_>);
@@ -166,8 +171,10 @@ pub(super) fn run(shared: &Shared, viewer: &dyn PlaneViewer, status: Option<&Sta
     };
     let mut planes: Option<Planes> = None;
     let mut work = PlaneWork::default();
+    let mut of_edges = PlaneErrors::default();
     loop {
         let (began, spent) = (Instant::now(), spent());
+        viewer.answer_edges(&mut |places| of_edges.edges(shared, places));
         if viewer.is_watched() {
             let planes = planes.get_or_insert_with(|| Planes { work, ..Planes::default() });
             planes.errors.pose_mm(status);

@@ -9,12 +9,14 @@ use serde::de::DeserializeOwned;
 use drivers::replay::{SessionReplay, SessionSettings};
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::refusal::Refusal;
+use sonoweave_core::slice;
 use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 
 use super::corrected::CorrectedFrames;
 use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
 use super::digest::{DIGEST, ResultDigest};
 use super::event::{CLOCK, UNPAIRED};
+use crate::command::Marker;
 
 /// Kind of note: an automatic choice of the insertion path depends on the poses that the devices
 /// can reach. Earlier versions did not write it, and chose the general path.
@@ -24,6 +26,8 @@ const PATH_BY_REACH: &str = "path_by_reach";
 /// and knew only borders that are exactly zero.
 const MASK_BY_EDGES: &str = "mask_by_edges";
 
+/// Note of a marked moment.
+pub(super) const MARKER: &str = "marker";
 /// Kinds of note with which every new recording begins.
 pub(super) const RULES: [&str; 2] = [PATH_BY_REACH, MASK_BY_EDGES];
 
@@ -146,6 +150,17 @@ impl RecordedDecisions {
         self.frames.iter().filter_map(|(frame, was)| Some((*frame, was.placed?.0))).collect()
     }
 
+    /// Returns the marked moments of a recording, host ns, ascending.
+    ///
+    /// # Errors
+    /// The text of a marker that cannot be read.
+    pub fn markers_ns(&self) -> Result<Vec<i64>, serde_json::Error> {
+        let marked = |text: &String| serde_json::from_str::<Marker>(text).map(|marker| marker.at_ns);
+        let mut times: Vec<i64> = self.notes(MARKER).iter().map(marked).collect::<Result<_, _>>()?;
+        times.sort_unstable();
+        Ok(times)
+    }
+
     /// Lets the replay use corrected poses. Its outcome then is another one than the recorded, and
     /// is not compared; the poses that it pairs still are.
     pub fn correct(&mut self, corrected: CorrectedFrames) {
@@ -167,6 +182,19 @@ impl RecordedDecisions {
         paired: Transform<World, Image>,
     ) -> Result<Transform<World, Image>, Refusal> {
         self.corrected.as_ref().map_or(Ok(paired), |corrected| corrected.pose(frame, paired))
+    }
+
+    /// Returns a frame's image, as the corrections change it.
+    pub(super) fn corrected_image(
+        &self,
+        frame: u64,
+        image: slice::Image,
+        pose: &Transform<World, Image>,
+    ) -> slice::Image {
+        match &self.corrected {
+            Some(corrected) => corrected.image(frame, image, pose),
+            None => image,
+        }
     }
 
     /// Returns whether dropped frames are dropped again.

@@ -20,7 +20,7 @@ use super::losses::Losses;
 use super::memory::places;
 use super::pairing_thread::{Pairing, SliceSink};
 use super::priority::{Role, SchedulingPolicy};
-use super::recorded_decisions::RecordedDecisions;
+use super::recorded_decisions::{MARKER, RecordedDecisions};
 use super::recorder::{self, Recorder, Recording};
 use super::render_thread::{self, Drawn, SharedViewClient};
 use super::replay::{self, FromRecording, Recorded};
@@ -298,6 +298,9 @@ impl Wiring<'_> {
                         Instruction::Command(Command::Freeze(on)) => drop(sequencer.freeze(on)),
                         Instruction::Command(Command::Clear) => drop(sequencer.clear()),
                         Instruction::Command(Command::Mask(change)) => drop(sequencer.mask(change)),
+                        Instruction::Command(Command::Mark(marker)) => {
+                            common.recorder.note(MARKER, &marker, clock.now_ns());
+                        }
                         Instruction::Command(Command::Stop) => ends.store(true, Ordering::Relaxed),
                         Instruction::Command(Command::Set(setting)) => match setting {
                             Setting::Latency { device, ns } => drop(sequencer.latency(device, ns)),

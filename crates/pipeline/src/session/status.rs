@@ -124,6 +124,10 @@ pub struct SessionStatus {
     pub distortion: Option<InZones>,
     /// The volume's extent, once it has slices.
     pub volume: Option<VolumeExtent>,
+    /// Slices too dark to tell shadows, whose pixels all count fully; `None` unless the volume
+    /// weighs shadows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dark_slices: Option<u64>,
     /// Whether the user has frozen the session: frames are ignored.
     pub frozen: bool,
     /// The recording, as reported by the writer.

@@ -28,11 +28,14 @@ mod slopes;
 #[cfg(test)]
 mod tests;
 
+use glam::{DMat3, DVec3};
+
 use volume::brick::{BrickIndex, EDGE, VOXELS};
 use volume::read::SEEN;
 use volume::{BrickVolume, Voxels};
 
 use cell::{Cell, cell_around, position};
+pub use noise::Noise;
 use slopes::Slopes;
 
 use super::reconstructor::Reconstructor;
@@ -48,8 +51,9 @@ const PRIOR: f64 = 10.0;
 pub struct StandardErrors<'a> {
     volume: &'a BrickVolume,
     spacing_mm: [f64; 3],
-    /// s₀².
-    noise_variance: f64,
+    /// Directions of the lattice's axes in the world.
+    axes: DMat3,
+    noise: Noise,
     /// p²/3, mm².
     pose_variance: f64,
 }
@@ -61,6 +65,15 @@ pub struct VoxelError {
     pub standard_error: f64,
     /// Effective number of slices that reach it, 1 or more.
     pub slices: f64,
+}
+
+/// An edge between what is seen brighter and darker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Standard error of the value there, grey levels, without that of the poses.
+    pub standard_error: f64,
+    /// Gradient of the values, in the world, grey levels per mm.
+    pub gradient: DVec3,
 }
 
 /// Usual errors of a volume's seen voxels.
@@ -75,6 +88,14 @@ pub struct Summary {
 }
 
 impl VoxelError {
+    /// Returns the number of further slices that would halve the error; `None` if more are needed
+    /// than the volume's other voxels have.
+    pub fn halved_by(&self, noise: &Noise) -> Option<f64> {
+        // The error falls with the root of the slices.
+        let further = 3.0 * self.slices;
+        (further <= noise.slices).then_some(further)
+    }
+
     /// Returns half the width of the interval that holds the true value in 95 of 100 cases, grey
     /// levels.
     pub fn half_width_95(&self) -> f64 {
@@ -107,25 +128,26 @@ impl<'a> StandardErrors<'a> {
         Some(Self::with_noise(reconstructor, Self::noise_of(reconstructor, MOST)?, pose_mm))
     }
 
-    /// The same with a known [noise](Self::noise), which costs nothing.
-    pub fn with_noise(reconstructor: &'a Reconstructor, noise: f64, pose_mm: f64) -> Self {
+    /// The same with a known [noise](Self::noise_of), which costs nothing.
+    pub fn with_noise(reconstructor: &'a Reconstructor, noise: Noise, pose_mm: f64) -> Self {
         let (volume, spacing_mm) = (reconstructor.volume(), reconstructor.settings().spacing_mm.to_array());
-        Self { volume, spacing_mm, noise_variance: noise * noise, pose_variance: pose_mm * pose_mm / 3.0 }
+        let m = reconstructor.world_from_lattice().affine().matrix3;
+        let axes = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
+        Self { volume, spacing_mm, axes, noise, pose_variance: pose_mm * pose_mm / 3.0 }
     }
 
-    /// Returns the [noise](Self::noise) from at most this many voxels; `None` as for
-    /// [`Self::new`].
-    pub fn noise_of(reconstructor: &Reconstructor, most: usize) -> Option<f64> {
+    /// Returns the noise from at most this many voxels; `None` as for [`Self::new`].
+    pub fn noise_of(reconstructor: &Reconstructor, most: usize) -> Option<Noise> {
         // The mean square of distances along the normals.
         let across = reconstructor.normals().mean() * reconstructor.kernels()?[2].sigma_effective_mm().powi(2);
         let spacing_mm = reconstructor.settings().spacing_mm.to_array();
-        noise::variance(reconstructor.volume(), spacing_mm, &across, most).map(f64::sqrt)
+        noise::noise(reconstructor.volume(), spacing_mm, &across, most)
     }
 
     /// Returns the noise of one slice's in-plane filtered values, grey levels: the standard
     /// deviation for the whole volume.
     pub fn noise(&self) -> f64 {
-        self.noise_variance.sqrt()
+        self.noise.grey
     }
 
     /// Returns the usual errors; `None` if no voxel was seen. Those of a large volume are from a
@@ -151,11 +173,19 @@ impl<'a> StandardErrors<'a> {
         Some(self.error(&cell, if self.pose_variance > 0.0 { slope() } else { 0.0 }))
     }
 
+    /// Returns the edge at a voxel, if it was seen.
+    pub fn edge(&self, voxel: [i64; 3]) -> Option<Edge> {
+        let without_poses = Self { pose_variance: 0.0, ..*self };
+        let VoxelError { standard_error, .. } = without_poses.at(voxel)?;
+        let gradient = self.axes * Slopes::at(self.volume, voxel, self.spacing_mm);
+        Some(Edge { standard_error, gradient })
+    }
+
     /// Returns the error of a voxel of a cell, with this square of the gradient.
     fn error(&self, cell: &Cell, slope: f64) -> VoxelError {
         let slices = cell.slices;
         let own = slices - 1.0;
-        let variance = (PRIOR * self.noise_variance + own * cell.variance) / (PRIOR + own);
+        let variance = (PRIOR * self.noise.grey.powi(2) + own * cell.variance) / (PRIOR + own);
         VoxelError { standard_error: ((variance + slope * self.pose_variance) / slices).sqrt(), slices }
     }
 

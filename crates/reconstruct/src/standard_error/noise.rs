@@ -19,8 +19,18 @@ const INDEPENDENT: f64 = 3.0;
 /// Effective number of slices below which a cell says nothing.
 const FEW: f64 = 1.3;
 
-/// Returns the variance of a slice's value about the slope of what is seen, as the median over
-/// cells; `None` if the volume keeps no sums of squares or no voxel was reached by two slices.
+/// Noise of a volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of one slice's in-plane filtered values, grey levels.
+    pub grey: f64,
+    /// Median over the seen cells of the effective number of slices.
+    pub slices: f64,
+}
+
+/// Returns the noise of a volume; `None` if it keeps no sums of squares or no voxel was reached by
+/// two slices. Its variance is that of a slice's value about the slope of what is seen, as the
+/// median over cells.
 ///
 /// Slices at distances q from a voxel have different values where the volume has a slope along
 /// their normal. `across` gives the mean square of slope times distance: gᵀ·across·g for a gradient
@@ -28,12 +38,13 @@ const FEW: f64 = 1.3;
 ///
 /// It is that of cells with more than three slices. If these are few, it is that of all with more
 /// than 1.3, of which each says less. At most `most` voxels are read.
-pub(super) fn variance(volume: &BrickVolume, spacing_mm: [f64; 3], across: &DMat3, most: usize) -> Option<f64> {
-    let (mut many, mut all) = (Vec::new(), Vec::new());
+pub(super) fn noise(volume: &BrickVolume, spacing_mm: [f64; 3], across: &DMat3, most: usize) -> Option<Noise> {
+    let (mut many, mut all, mut slices) = (Vec::new(), Vec::new(), Vec::new());
     for block in sample(volume, most) {
         let (mut r, mut w) = ([0.0; VOXELS], [0.0; VOXELS]);
         volume.block(block, &mut r, &mut w);
         let cells = Cell::of_block(volume, block, &w);
+        slices.extend(cells.iter().flatten().map(|cell| cell.slices));
         if cells.iter().flatten().all(|cell| cell.slices <= FEW) {
             continue;
         }
@@ -49,7 +60,8 @@ pub(super) fn variance(volume: &BrickVolume, spacing_mm: [f64; 3], across: &DMat
             }
         }
     }
-    quantile(if many.len() < ENOUGH { &mut all } else { &mut many }, 0.5)
+    let variance = quantile(if many.len() < ENOUGH { &mut all } else { &mut many }, 0.5)?;
+    Some(Noise { grey: variance.sqrt(), slices: quantile(&mut slices, 0.5)? })
 }
 
 /// Returns a cell's variance about the slope, scaled so that the median of many is the mean.

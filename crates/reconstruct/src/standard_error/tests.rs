@@ -315,6 +315,19 @@ fn voxel_of_one_slice_has_noise_of_volume_and_unseen_none() {
 }
 
 #[test]
+fn slices_that_halve_the_error_are_told_where_others_have_them() {
+    let slices = noisy(60, [100.0, 1.0], 0.25);
+    let far = DAffine3::from_translation(DVec3::Z * 40.0) * slices[0].world_from_image.affine();
+    let far = Slice { world_from_image: Transform::from_affine(far), ..slices[0].clone() };
+    let reconstructor = reconstructed(settings(0.5), &Mask::full(90, 80), &[slices, vec![far]].concat());
+    let noise = StandardErrors::noise_of(&reconstructor, MOST).unwrap();
+    let errors = errors(&reconstructor, 0.0);
+    let [one, usual] = [80, 14].map(|z| errors.at([20, 20, z]).unwrap());
+    assert!(noise.slices > 3.0 && (noise.slices / usual.slices - 1.0).abs() < 0.3, "{noise:?} {usual:?}");
+    assert_eq!([one, usual].map(|error| error.halved_by(&noise)), [Some(3.0), None]);
+}
+
+#[test]
 fn error_of_poses_is_a_part_of_each_slices_noise() {
     // Grey levels grow by 2 per mm along x.
     let ramp = |slice: Slice| {
@@ -330,6 +343,29 @@ fn error_of_poses_is_a_part_of_each_slices_noise() {
     // A third of its square lies along the gradient.
     let expected = 2.0 * 0.3 / (3.0 * moved.slices).sqrt();
     assert!((moved.standard_error / expected - 1.0).abs() < 1e-3, "{moved:?}");
+}
+
+#[test]
+fn edge_has_gradient_in_the_world_and_no_error_of_poses() {
+    let ramp = |slice: Slice| {
+        let grey: std::sync::Arc<[f32]> =
+            (0..90 * 80).map(|i| 50.0 + 2.0 * PIXEL_MM as f32 * (i % 90) as f32).collect();
+        Slice { image: Image::new(90, 80, Pixels::F32(grey)), ..slice }
+    };
+    let slices: Vec<Slice> = noisy(12, [100.0, 1.0], 0.25).into_iter().map(ramp).collect();
+    let turned = DMat3::from_rotation_z(0.4);
+    let lattice_direction = turned;
+    let settings = Settings { lattice_direction, ..settings(0.5) };
+    let reconstructor = reconstructed(settings, &Mask::full(90, 80), &slices);
+    let errors = errors(&reconstructor, 0.3);
+    let place = turned.transpose() * DVec3::new(9.0, 8.0, 2.0) / SPACING_MM;
+    let voxel = place.round().to_array().map(|x| x as i64);
+    let edge = errors.edge(voxel).unwrap();
+    assert!(edge.gradient.distance(DVec3::X * 2.0) < 1e-3, "{edge:?}");
+    let [exact, moved] = [0.0, 0.3].map(|pose_mm| super::tests::errors(&reconstructor, pose_mm).at(voxel).unwrap());
+    assert_eq!(edge.standard_error, exact.standard_error);
+    assert!(moved.standard_error > 10.0 * exact.standard_error, "{exact:?} {moved:?}");
+    assert_eq!(errors.edge([0, 0, 40]), None, "unseen");
 }
 
 #[test]

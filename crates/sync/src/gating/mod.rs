@@ -5,6 +5,8 @@
 //! share of the frames with the least displacement from the end of breathing out, where a body
 //! rests longest. The gate is by displacement and not by phase, as breaths differ in depth.
 //!
+//! Instead of a signal, markers may tell the phase: see [`PhaseGate`].
+//!
 //! A body at rest is not gated: a periodic signal must exceed what the wander of a resting body
 //! reaches by chance, by its correlation and by its size.
 
@@ -12,6 +14,7 @@
 
 mod depth;
 mod periodic;
+mod phase;
 mod signal;
 #[cfg(test)]
 mod tests;
@@ -21,6 +24,7 @@ use std::fmt;
 use serde::Serialize;
 
 pub use depth::DepthShift;
+pub use phase::PhaseGate;
 pub use signal::Signal;
 
 /// Least number of periods in a recording.
@@ -79,6 +83,20 @@ pub enum NotGated {
         /// The displacement, mm.
         size_mm: f64,
     },
+    /// There are too few markers.
+    FewMarkers {
+        /// Their number.
+        markers: usize,
+        /// The number that is needed.
+        least: usize,
+    },
+    /// The markers are irregular.
+    IrregularMarkers {
+        /// The number of periods that differ from those around them.
+        left_out: usize,
+        /// The number of all.
+        periods: usize,
+    },
     /// The period changes.
     Irregular {
         /// The periods of both halves of the recording, s.
@@ -104,6 +122,16 @@ impl fmt::Display for NotGated {
                 f,
                 "the body moves by {size_mm:.1} mm, and {LEAST_MM} mm are needed to tell breathing from wander; gate \
                  nothing"
+            ),
+            Self::FewMarkers { markers, least } => write!(
+                f,
+                "the session has {markers} markers, and {least} are needed; mark the end of breathing out each time \
+                 while you record"
+            ),
+            Self::IrregularMarkers { left_out, periods } => write!(
+                f,
+                "the markers are irregular: {left_out} of {periods} periods differ by more than a fifth from those \
+                 around them; mark every breath once, or check the line that gives the markers"
             ),
             Self::Irregular { halves_s: [early, late] } => write!(
                 f,

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use calibration::tracker::noise::TrackerNoise;
 use mask::Mask;
 use reconstruct::kernel::{AxisKernel, Method, Support};
 use reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings};
@@ -16,6 +17,7 @@ use sonoweave_core::slice::Slice;
 use volume::Grid;
 
 use crate::baselines::{Drop, Splat};
+use crate::correction::Correction;
 use crate::field::Field;
 use crate::timing::each;
 
@@ -56,6 +58,8 @@ pub(crate) enum Path {
     AutoSigma,
     /// A kernel with its default ends, and the first moment of all values corrected.
     FirstMoment(Method),
+    /// The default kernel, over corrected poses.
+    Corrected(Correction),
     /// The default kernel's equations in f64, voxel by voxel and pixel by pixel.
     BruteForce,
     /// Each pixel is dropped into voxels; afterwards holes are filled, if any.
@@ -98,6 +102,8 @@ pub(crate) struct Input<'a> {
     /// 90th percentile of the gaps between neighbouring slices, mm. Holes are filled over this
     /// distance, and `--sigma auto` takes half of it.
     pub(crate) gap_mm: f64,
+    /// Noise of the tracker.
+    pub(crate) noise: TrackerNoise,
     /// Returns a grid that contains all slices, for a spacing in mm.
     pub(crate) grid: &'a dyn Fn(f64) -> Result<Grid, Box<dyn Error>>,
 }
@@ -129,7 +135,7 @@ impl Contestant {
         let can = match self.path {
             Path::Kernel(method, _) => !method.interpolates() && method != Method::Gaussian4,
             Path::AutoSigma => true,
-            Path::FirstMoment(_) | Path::BruteForce | Path::Splat(_) => false,
+            Path::FirstMoment(_) | Path::Corrected(_) | Path::BruteForce | Path::Splat(_) => false,
         };
         Self { planar: planar && can, ..self }
     }
@@ -170,6 +176,7 @@ impl Contestant {
             }
             Path::AutoSigma => format!("{}, auto σ{planar}", Method::default().name()),
             Path::FirstMoment(method) => format!("{}, first moment", method.name()),
+            Path::Corrected(correction) => format!("{}, {}", Method::default().name(), correction.name()),
             Path::BruteForce => "brute force, f64".into(),
             Path::Splat(Drop::Trilinear) => "trilinear + holes".into(),
             Path::Splat(Drop::Nearest | Drop::NearestInBytes) => "nearest voxel + holes".into(),
@@ -185,7 +192,7 @@ impl Contestant {
         match self.path {
             Path::Kernel(Method::Gaussian4, _) | Path::FirstMoment(Method::Gaussian4) => Match::AcrossPlane,
             Path::Kernel(method, _) if method.interpolates() => Match::AcrossPlane,
-            Path::Kernel(..) | Path::FirstMoment(_) | Path::BruteForce => Match::Whole,
+            Path::Kernel(..) | Path::FirstMoment(_) | Path::Corrected(_) | Path::BruteForce => Match::Whole,
             Path::AutoSigma => Match::InPlane,
             Path::Splat(_) => Match::None,
         }
@@ -198,7 +205,7 @@ impl Contestant {
     pub(crate) fn settings(&self, input: &Input<'_>) -> Result<Option<Settings>, Box<dyn Error>> {
         let (method, energies) = match self.path {
             Path::Kernel(method, energies) => (method, energies),
-            Path::AutoSigma => (Method::default(), USUAL),
+            Path::AutoSigma | Path::Corrected(_) => (Method::default(), USUAL),
             Path::FirstMoment(method) => (method, USUAL),
             Path::BruteForce | Path::Splat(_) => return Ok(None),
         };
@@ -253,6 +260,17 @@ impl Contestant {
                 let field = Field::of_volume(&corrected, reconstructor.world_from_lattice(), reconstructor.settings());
                 spread(&mut times, start);
                 Ok((times, Reconstructed::Dense(field)))
+            }
+            Path::Corrected(correction) => {
+                let settings = self.settings(input)?.ok_or("a reconstructor has settings")?;
+                let start = Instant::now();
+                let slices = correction.correct(slices, mask, input.noise)?;
+                let correcting = start.elapsed();
+                let mut reconstructor = Reconstructor::new(settings, mask.clone())?;
+                let mut times = each(&slices, |slice| reconstructor.insert(slice).map(drop))?;
+                let ms = correcting.as_secs_f64() * 1e3 / times.len().max(1) as f64;
+                times.iter_mut().for_each(|time| *time += ms);
+                Ok((times, Reconstructed::Bricks(Box::new(reconstructor))))
             }
             Path::BruteForce => {
                 let kernels = default_kernels(input.pixel_mm, input.sigma_n_mm)?;

@@ -10,6 +10,7 @@ use sonoweave_figures::files::field;
 use sonoweave_figures::gaps::widest_gap;
 use sonoweave_figures::{Figure, Panel};
 
+use calibration::tracker::noise::TrackerNoise;
 use mask::Mask;
 use phantom::truth::covering_grid;
 use reconstruct::kernel::Method;
@@ -182,11 +183,13 @@ fn predict(slices: &[Slice], mask: &Mask, gap_mm: f64) -> Result<Vec<Predicted>,
         .into_iter()
         .map(|contestant| Predicted { contestant, errors: Vec::new(), ms: Vec::new() })
         .collect();
+    // Unknown, and no contestant uses it here.
+    let noise = TrackerNoise { position_mm: 0.0, rotation_deg: 0.0 };
     for first in 0..EVERY {
         let is_out = |i: usize| i % EVERY == first && i > 0 && i + 1 < slices.len();
         let kept: Vec<Slice> =
             slices.iter().enumerate().filter(|(i, _)| !is_out(*i)).map(|(_, slice)| slice.clone()).collect();
-        let input = Input { slices: &kept, mask, pixel_mm, effective_mm, sigma_n_mm, gap_mm, grid: &grid };
+        let input = Input { slices: &kept, mask, pixel_mm, effective_mm, sigma_n_mm, gap_mm, noise, grid: &grid };
         for predicted in &mut all {
             let (ms, reconstructed) = predicted.contestant.reconstruct(&input)?;
             predicted.ms.extend(ms);

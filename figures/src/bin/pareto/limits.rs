@@ -40,7 +40,7 @@ fn column(contestant: &Contestant) -> usize {
         }
         Path::Kernel(Method::Linear, _) => 2,
         Path::Kernel(Method::Nearest, _) => 3,
-        Path::Kernel(..) | Path::FirstMoment(_) | Path::BruteForce => 1,
+        Path::Kernel(..) | Path::FirstMoment(_) | Path::Corrected(_) | Path::BruteForce => 1,
         Path::Splat(Drop::Nearest | Drop::NearestInBytes) => 4,
         Path::Splat(Drop::Trilinear) => 5,
         Path::AutoSigma => 6,

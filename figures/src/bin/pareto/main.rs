@@ -11,6 +11,7 @@
 //! - [`stage`]: phantoms and scans, and the correct values at positions between the voxels.
 //! - [`contestant`]: the contestants, at matched width; a further path is one more variant of
 //!   its `Path`.
+//! - [`correction`]: corrections of a noisy tracker's poses, before a scan is reconstructed.
 //! - [`field`]: results interpolated like by a renderer; [`filling`]: holes.
 //! - [`measure`]: errors and times of contestants over a scan; [`limits`]: the largest permitted
 //!   errors.
@@ -29,6 +30,7 @@ mod baselines;
 #[allow(dead_code, reason = "shared with the bench, which also compares bricks")]
 mod check;
 mod contestant;
+mod correction;
 #[path = "../paper/doll.rs"]
 #[allow(dead_code, reason = "shared with the paper's figures, which follow all slices")]
 mod doll;
@@ -60,6 +62,7 @@ use std::time::Instant;
 use reconstruct::Simd;
 
 use contestant::{Contestant, DEFAULT_VOXEL_MM, full_list, short_list};
+use correction::Correction;
 use measure::Rounds;
 use rendering::Extent;
 use report::{Report, digits};
@@ -122,6 +125,10 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
             let planar = plan.is_planar();
             if plan.sweep && effort.whole { full_list(planar) } else { short_list(planar) }
         };
+        if plan.is_noisy() {
+            let corrected = Correction::ALL.map(contestant::Path::Corrected);
+            contestants.extend(corrected.map(|path| Contestant::new(path, DEFAULT_VOXEL_MM)));
+        }
         if effort.whole || number == 0 {
             contestants.push(Contestant::new(contestant::Path::BruteForce, DEFAULT_VOXEL_MM));
         }

@@ -36,6 +36,9 @@ const COLUMNS: [f64; 2] = [2e-6, 1e-5];
 /// Permitted deviation of splats in f32 from splats in f64, root mean square and maximum.
 const SPLAT_BOUNDS: [f64; 2] = [0.001, 0.01];
 
+/// Permitted error of a correction of poses, in that without it.
+const NO_HARM: f64 = 1.01;
+
 /// Number of timed rounds.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rounds {
@@ -130,6 +133,7 @@ pub(crate) fn measure(
         effective_mm: default_kernels(pixel_mm, None)?.map(|k| k.sigma_effective_mm()),
         sigma_n_mm: None,
         gap_mm: widest_gap(&stage.slices)?,
+        noise: stage.plan.noise(),
         grid: &grid,
     };
     let mut rows = Vec::new();
@@ -176,8 +180,16 @@ pub(crate) fn measure(
     report
         .findings
         .check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
+    let default_rmse = rows.first().map_or(f64::NAN, |row| row.score.blurred.rmse);
     for row in &mut rows {
         row.comparable = (row.score.coverage() - covered).abs() <= SAME_COVERAGE;
+        if let Path::Corrected(_) = row.contestant.path {
+            // Other poses are other equations. A correction must do no harm.
+            let (rmse, name) = (row.score.blurred.rmse, row.contestant.name());
+            let what = format!("{}, {name}: {rmse} rms, {default_rmse} without the correction", row.title);
+            report.findings.check(rmse <= NO_HARM * default_rmse, what);
+            continue;
+        }
         let limit = limits::from_default(row.stage, &row.contestant)?;
         // A NaN lies in no range.
         let sane = (0.0..=limit).contains(&row.score.oracle.rmse) && row.score.slope.is_finite();
@@ -217,6 +229,7 @@ fn deviation(
     report: &mut Report,
 ) -> Result<Option<[f64; 2]>, Box<dyn Error>> {
     let deviation = match (contestant.path, reconstructed) {
+        (Path::Corrected(_), _) => return Ok(None),
         (path, Reconstructed::Bricks(bricks)) => {
             let mut deviation = against_equations(bricks, input.slices, input.mask)?;
             if let Path::Kernel(Method::Nearest, _) = path {

@@ -75,6 +75,7 @@ fn family(contestant: &Contestant) -> (&'static str, SeriesStyle, Ink) {
         Path::Kernel(Method::Linear, _) => ("linear in plane", SeriesStyle::Squares, Ink::Purple),
         Path::Kernel(Method::Nearest, _) => ("nearest pixel", SeriesStyle::Triangles, Ink::Orange),
         Path::FirstMoment(_) => ("first moment corrected", SeriesStyle::Discs, Ink::Green),
+        Path::Corrected(_) => ("poses corrected", SeriesStyle::Squares, Ink::Vermilion),
         Path::AutoSigma => ("default, auto σ", SeriesStyle::Squares, Ink::Black),
         Path::Splat(_) => ("pixels dropped into voxels, holes filled", SeriesStyle::Crosses, Ink::Vermilion),
         Path::BruteForce => ("brute force, f64", SeriesStyle::Crosses, Ink::Grey),

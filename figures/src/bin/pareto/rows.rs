@@ -9,6 +9,7 @@ use sonoweave_figures::files::field;
 
 use crate::baselines::Drop;
 use crate::contestant::{self, Contestant, DEFAULT_VOXEL_MM, Match};
+use crate::correction::Correction;
 use crate::front::{Measure, NEAR, Rival, SLACK, rivals};
 use crate::measure::Row;
 use crate::report::{Report, digits, markdown};
@@ -103,6 +104,8 @@ fn beside_baselines(scans: &[Vec<&Row>]) -> String {
         ("nearest voxel + holes", contestant::Path::Splat(Drop::Nearest)),
         ("trilinear + holes", contestant::Path::Splat(Drop::Trilinear)),
         ("ours, auto σ", contestant::Path::AutoSigma),
+        ("ours, smoothed poses", contestant::Path::Corrected(Correction::Smoothing)),
+        ("ours, poses by neighbours", contestant::Path::Corrected(Correction::Jitter)),
     ];
     let cell = |row: Option<&&Row>| {
         row.map_or_else(

@@ -49,6 +49,17 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
+    /// Returns the noise of the tracker's poses.
+    pub(crate) fn noise(&self) -> calibration::tracker::noise::TrackerNoise {
+        let TrackerNoise { position_mm, rotation_degrees } = self.tracker;
+        calibration::tracker::noise::TrackerNoise { position_mm, rotation_deg: rotation_degrees }
+    }
+
+    /// Returns whether the tracker has noise.
+    pub(crate) fn is_noisy(&self) -> bool {
+        self.tracker != STILL
+    }
+
     /// Returns whether all slices stay perpendicular to one plane, with u along its normal.
     pub(crate) fn is_planar(&self) -> bool {
         let moves = matches!(self.motion, Motion::Parallel | Motion::Jittered | Motion::Fan { .. } | Motion::Arm);

@@ -19,6 +19,10 @@ pub(super) struct Report<'a> {
     /// Largest standard error of a point of the image, mm.
     worst_se_mm: f64,
     has_slipped: bool,
+    /// The sweep, from 1, before which the sensor slipped or the body moved, and the image's
+    /// displacement there, with its standard error, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slip: Option<(usize, f64, f64)>,
     /// Whether the sweeps do not tell.
     is_undecided: bool,
     /// Whether the latency in use is off.
@@ -62,6 +66,7 @@ impl<'a> Report<'a> {
             shift_se_mm: checked.shift_se_mm,
             worst_se_mm: checked.worst_se_mm,
             has_slipped: checked.has_slipped(),
+            slip: found.slip.as_ref().map(|slip| (slip.sweep + 1, slip.shift_mm, slip.shift_se_mm)),
             is_undecided: checked.undecided().is_some(),
             is_late: checked.is_late(),
             unfit: checked.unfit().map(|why| why.to_string()),
@@ -91,13 +96,16 @@ impl<'a> Report<'a> {
             let each = numbers.iter().zip(errors).map(|(x, se)| format!("{x:.digits$} ± {se:.digits$}"));
             each.collect::<Vec<_>>().join(", ")
         };
-        let verdict = |is_off: bool| match (self.is_undecided, is_off) {
+        let verdict = |is_off: bool| match (self.is_undecided || self.slip.is_some(), is_off) {
             (true, _) => "the sweeps do not tell whether it holds",
             (_, true) => "more than chance explains",
             (_, false) => "the calibration holds",
         };
         let slipped = verdict(self.has_slipped);
         say("image", format!("displaced by {:.2} ± {:.2} mm: {slipped}", self.shift_mm, self.shift_se_mm));
+        if let Some((sweep, shift_mm, se_mm)) = self.slip {
+            say("slip", format!("before sweep {sweep}, by {shift_mm:.2} ± {se_mm:.2} mm, if the body has not moved"));
+        }
         say(
             "translation",
             format!("{} mm along u, v, normal", list([&self.translation_mm[0], &self.translation_mm[1]], 2)),

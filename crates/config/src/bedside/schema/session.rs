@@ -138,6 +138,38 @@ pub(crate) struct Igtl {
     pub(crate) allow: Vec<String>,
 }
 
+/// A line on which a chest belt or an ECG marks moments while a session is recorded
+#[derive(Debug, SmartDefault, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub(crate) struct Markers {
+    /// Serial port whose input is watched; default: none
+    pub(crate) port: Option<String>,
+    /// Input of the port: clear to send, or carrier detect
+    #[default(Name(MarkerInput::Cts))]
+    pub(crate) input: Name<MarkerInput>,
+    /// Edge that marks a moment
+    #[default(Name(MarkerEdge::Rising))]
+    pub(crate) edge: Name<MarkerEdge>,
+}
+
+/// An input of a serial port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MarkerInput {
+    /// Clear to send.
+    Cts,
+    /// Data carrier detect.
+    Dcd,
+}
+
+/// An edge of an input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MarkerEdge {
+    /// From off to on.
+    Rising,
+    /// From on to off.
+    Falling,
+}
+
 /// The session's priority among the machine's programs
 #[derive(Debug, SmartDefault, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -163,4 +195,6 @@ pub enum Realtime {
 named! {
     Realtime:
         [("if-permitted", Realtime::IfPermitted), ("never", Realtime::Never), ("required", Realtime::Required)];
+    MarkerInput: [("cts", MarkerInput::Cts), ("dcd", MarkerInput::Dcd)];
+    MarkerEdge: [("rising", MarkerEdge::Rising), ("falling", MarkerEdge::Falling)];
 }

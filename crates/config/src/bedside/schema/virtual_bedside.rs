@@ -48,6 +48,13 @@ pub(crate) struct Virtual {
     /// Noise of each tracker sensor about each axis
     #[schemars(range(min = 0, max = 10))]
     pub(crate) tracker_noise_deg: f64,
+    /// Drift of the tracker's sensor on the transducer: from 0 to so much and back, each minute
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) tracker_drift_mm: f64,
+    /// Displacement of the skin by the probe in all sweeps but the first, for scenes without
+    /// simulated echoes
+    #[schemars(range(min = 0, max = 5))]
+    pub(crate) pressure_mm: f64,
     /// Seed of all random numbers
     #[schemars(range(max = u32::MAX))]
     #[default(1)]
