@@ -65,7 +65,7 @@ CASES ?= $(if $(filter quick,$(STRESS)),2000,200000)
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test stress
 	PROPTEST_CASES=$(CASES) cargo test -p sonoweave -p sonoweave-sync --locked --lib clock::tests
-	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib
+	SONOWEAVE_STRESS=$(STRESS) cargo test -p sonoweave-calibration --locked --lib -- --include-ignored
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test borders
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test $(PACKAGES) --test steady

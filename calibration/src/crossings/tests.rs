@@ -60,6 +60,10 @@ fn calibration_is_found_with_exact_poses() {
         let ([_, after], found) = checked(&sweeps, seed);
         assert!(after < 0.05 && (found.lag_s[0] - sweeps.off[8]).abs() < 2e-3, "{seed}: {after}");
         assert!(found.has_slipped() && found.unfit().is_none(), "{seed}: {:?}", found.unfit());
+        let [before, _] = found.correlations;
+        let mut no_better = found.clone();
+        no_better.correlations = [before; 2];
+        assert!(!no_better.has_slipped(), "slices that agree no better show no slip");
     }
 }
 

@@ -138,7 +138,7 @@ fn sweeps_without_drift_are_left_as_they_are() {
 }
 
 #[test]
-#[ignore = "minutes: many scans"]
+#[ignore = "minutes: many scans (make stress)"]
 fn many_sweeps_without_drift_are_left_as_they_are() {
     let (mut most_mm, mut most_errors, mut squares) = (0.0_f64, 0.0_f64, [0.0; 2]);
     for seed in 0..40 {
@@ -351,7 +351,7 @@ fn sensor_that_holds_raises_no_alarm() {
 }
 
 #[test]
-#[ignore = "minutes: many scans"]
+#[ignore = "minutes: many scans (make stress)"]
 fn sensors_that_hold_raise_no_alarm_in_many_scans() {
     let (mut alarms, mut worst) = (0, [0.0_f64; 2]);
     for seed in 0..100 {
@@ -367,7 +367,7 @@ fn sensors_that_hold_raise_no_alarm_in_many_scans() {
 }
 
 #[test]
-#[ignore = "minutes: many scans"]
+#[ignore = "minutes: many scans (make stress)"]
 fn half_a_millimetre_is_found_in_most_scans() {
     let (mut found, mut right) = (0, 0);
     for seed in 0..20 {

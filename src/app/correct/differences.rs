@@ -24,9 +24,13 @@ impl Standing {
     /// [`Failure`] when the session cannot be read.
     pub(crate) fn differences(&self, session: &Path) -> Result<Vec<String>, Failure> {
         let own = program();
+        let others: Vec<_> = self.all.iter().filter(|(_, by, is_applied)| *is_applied && *by != own).collect();
+        if others.is_empty() {
+            return Ok(Vec::new());
+        }
         let decisions = RecordedDecisions::read(session)?;
         let mut found = Vec::new();
-        for (correction, by, _) in self.all.iter().filter(|(_, by, is_applied)| *is_applied && *by != own) {
+        for (correction, by, _) in others {
             let Correction { id, kind, .. } = correction;
             let now = match self.difference(session, &decisions, correction) {
                 Ok(None) => continue,

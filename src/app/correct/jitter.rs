@@ -1,5 +1,6 @@
 //! Correction of frames within their planes, by the images of their neighbours.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
@@ -8,9 +9,6 @@ use super::note::{Correction, CorrectionResult, Kind};
 use super::poses::{Computed, Poses, rows_of};
 use super::slices::{Before, Read};
 use crate::failure::Failure;
-
-/// Most frames that are held in memory at once.
-const MOST_FRAMES: usize = 4000;
 
 /// Computes the correction.
 ///
@@ -33,19 +31,12 @@ pub(super) fn poses(session: &Path, before: &Before) -> Result<(Computed, Map<St
     if before.settings.keys().any(|key| key.starts_with("pairing.smoothing")) {
         fail!("no correction: the poses are smoothed, which corrects more; keep that, or undo it before this one");
     }
-    if before.frames.len() > MOST_FRAMES {
-        fail!(
-            "no correction: the session has {} frames with a pose, and {MOST_FRAMES} fit in memory; record shorter \
-             sessions",
-            before.frames.len()
-        );
-    }
     let Some(noise) = before.bedside.sensor_noise() else {
         fail!("no correction: the noise of the tracker is unknown; run `sonoweave calibrate tracker` before recording")
     };
-    let Read { slices, numbers, size, .. } = before.read(session, MOST_FRAMES)?;
+    let Read { slices, numbers, size, .. } = before.read_all(session)?;
     let jitter = slices.jitter(noise).map_err(|why| Failure::new(format!("no correction: {why}")))?;
-    let places: std::collections::BTreeMap<u64, usize> = numbers.iter().copied().zip(0..).collect();
+    let places: BTreeMap<u64, usize> = numbers.iter().copied().zip(0..).collect();
     let corrected: Poses = before
         .frames
         .iter()

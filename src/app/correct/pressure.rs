@@ -12,9 +12,6 @@ use super::options::{PressureSettings, Stored as _};
 use super::slices::{Before, Read};
 use crate::failure::Failure;
 
-/// Most frames that are held in memory at once.
-const MOST_FRAMES: usize = 4000;
-
 /// Computes the correction, against the sweep of this number, from 1.
 ///
 /// # Errors
@@ -36,14 +33,7 @@ pub(super) fn compressions(
     before: &Before,
     settings: PressureSettings,
 ) -> Result<(Compressions, Map<String, Value>), Failure> {
-    if before.frames.len() > MOST_FRAMES {
-        fail!(
-            "no correction: the session has {} frames with a pose, and {MOST_FRAMES} fit in memory; record shorter \
-             sessions",
-            before.frames.len()
-        );
-    }
-    let Read { slices, numbers, top_row, .. } = before.read(session, MOST_FRAMES)?;
+    let Read { slices, numbers, top_row, .. } = before.read_all(session)?;
     let PressureSettings { light, near_mm } = settings;
     let pressure = slices.pressure(light, near_mm).map_err(|why| Failure::new(format!("no correction: {why}")))?;
     // Depths count from the first row with data.

@@ -22,6 +22,9 @@ use crate::app::live::stages::Kept;
 use crate::app::replay::reel::{Reel, Still};
 use crate::failure::Failure;
 
+/// Most frames that are held in memory at once.
+const MOST_FRAMES: usize = 4000;
+
 /// A session's frames with a pose before a correction.
 pub(super) struct Before {
     pub(super) bedside: Bedside,
@@ -82,6 +85,21 @@ impl Before {
         frames.sort_by(|a, b| a.1.total_cmp(&b.1));
         frames.dedup_by(|a, b| a.1 == b.1);
         Ok(Self { bedside, settings, poses, probe_from_image, frames })
+    }
+
+    /// Reads the images of all frames.
+    ///
+    /// # Errors
+    /// As of [`Self::read`], and for more frames than fit in memory.
+    pub(super) fn read_all(&self, session: &Path) -> Result<Read, Failure> {
+        if self.frames.len() > MOST_FRAMES {
+            fail!(
+                "no correction: the session has {} frames with a pose, and {MOST_FRAMES} fit in memory; record shorter \
+                 sessions",
+                self.frames.len()
+            );
+        }
+        self.read(session, MOST_FRAMES)
     }
 
     /// Reads the images of at most so many frames, evenly thinned.

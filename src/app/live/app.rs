@@ -166,9 +166,9 @@ impl LiveApp<'_> {
             self.publisher.publish_igtl(igtl.numbers());
         }
         self.operator.reporter.status(&|| line(status));
-        for sentence in self.markers.iter().flat_map(Markers::sentences) {
+        for (how, sentence) in self.markers.iter().flat_map(Markers::sentences) {
             self.operator.reporter.say(&sentence);
-            self.controller.report(Progress::Failed, sentence);
+            self.controller.report(how, sentence);
         }
         let mut instructions: Vec<_> = self.controller.commands().into_iter().map(Instruction::from).collect();
         if quits {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use config::bedside::{MarkerEdge, MarkerInput, MarkerLine};
 use drivers::transport::input_line::{Edge, Input, InputLine};
 use pipeline::command::{Command, Marker, MarkerSource};
-use pipeline::control::SessionController;
+use pipeline::control::{Progress, SessionController};
 use sonoweave_core::clock::Monotonic;
 
 use crate::failure::Failure;
@@ -19,7 +19,7 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// Marks the moments of the line's edges while a session is recorded, until it is dropped.
 pub(super) struct Markers {
     ends: Arc<AtomicBool>,
-    sentences: Arc<Mutex<Vec<String>>>,
+    sentences: Arc<Mutex<Vec<(Progress, String)>>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -36,10 +36,10 @@ impl Markers {
         let name = line.port.display().to_string();
         let mut opened = Some(open().map_err(|why| Failure::new(format!("the line of markers, {name}, {why}")))?);
         let edge = edge(line.edge);
-        let (ends, sentences): (Arc<AtomicBool>, Arc<Mutex<Vec<String>>>) = Default::default();
+        let (ends, sentences): (Arc<AtomicBool>, Arc<Mutex<Vec<_>>>) = Default::default();
         let (ended, said, controller) = (Arc::clone(&ends), Arc::clone(&sentences), Arc::clone(controller));
         let watch = move || {
-            let say = |text| said.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+            let say = |how, text| said.lock().unwrap_or_else(PoisonError::into_inner).push((how, text));
             // Without a recording there is nothing to mark.
             let mark = |at_ns| drop(controller.execute(Command::Mark(Marker { at_ns, by: MarkerSource::Line })));
             while !ended.load(Ordering::Relaxed) {
@@ -47,12 +47,13 @@ impl Markers {
                     std::thread::sleep(AGAIN);
                     opened = open().ok();
                     if opened.is_some() {
-                        say(format!("the line of markers, {name}, is there again"));
+                        say(Progress::Done, format!("the line of markers, {name}, is there again"));
                     }
                     continue;
                 };
                 if let Err(why) = line.watch(edge, &Monotonic, &ended, mark) {
-                    say(format!("the line of markers, {name}, {why}; no moments are marked until it is back"));
+                    let lost = format!("the line of markers, {name}, {why}; no moments are marked until it is back");
+                    say(Progress::Failed, lost);
                 }
             }
         };
@@ -61,7 +62,7 @@ impl Markers {
     }
 
     /// Takes the sentences for the user since the last call.
-    pub(super) fn sentences(&self) -> Vec<String> {
+    pub(super) fn sentences(&self) -> Vec<(Progress, String)> {
         std::mem::take(&mut *self.sentences.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

@@ -61,7 +61,7 @@ pub(super) fn rest_side(band: &[f64]) -> f64 {
     if mean >= median { 1.0 } else { -1.0 }
 }
 
-fn sorted(band: &[f64]) -> Vec<f64> {
+pub(super) fn sorted(band: &[f64]) -> Vec<f64> {
     let mut sorted = band.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     sorted

@@ -7,6 +7,7 @@
 
 use serde::Serialize;
 
+use super::periodic::sorted;
 use super::{NotGated, missing};
 
 /// Least number of periods.
@@ -74,8 +75,7 @@ impl PhaseGate {
 
 /// Returns the median of values.
 fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
+    let sorted = sorted(values);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
