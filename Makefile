@@ -248,7 +248,7 @@ pareto: setup
 accuracy: setup
 	"$$(scripts/build.sh accuracy)" $(QUICK)
 	$(NUMBERS) record accuracy out/accuracy/$(QUICK_FOLDER)/figures.json --command "make accuracy" \
-		--sources crates/core,crates/sync,crates/volume,crates/reconstruct,crates/phantom,figures/src/bin/accuracy
+		--sources crates/core,crates/sync,crates/volume,crates/reconstruct,crates/phantom,calibration,figures/src/bin/accuracy
 
 # Writes the measured figures of the documents from their records in docs/numbers. Where measured
 # sources have changed since, the text states the commit of the measurement.

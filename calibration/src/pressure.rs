@@ -66,9 +66,10 @@ impl Slices {
     /// [`PressureError`] if there is no such sweep, or if displacements are not those of pressure.
     pub fn pressure(&self, light: usize, near_mm: f64) -> Result<Pressure, CalibrationError> {
         let directions = self.directions();
-        let sweeps = directions.sweeps_s.len();
-        if light == 0 || light > sweeps {
-            return Err(PressureError::NoSweep { number: light, sweeps }.into());
+        if !(1..=directions.sweeps_s.len()).contains(&light) {
+            let begin_s = self.pixels.iter().map(|(time_s, _)| *time_s).fold(f64::INFINITY, f64::min);
+            let sweeps_s = directions.sweeps_s.iter().map(|times| times.map(|time_s| time_s - begin_s)).collect();
+            return Err(PressureError::NoSweep { sweeps_s }.into());
         }
         if !(near_mm > 0.0 && near_mm.is_finite()) {
             return Err(PressureError::Limit { near_mm }.into());

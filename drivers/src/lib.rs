@@ -39,5 +39,5 @@ pub mod transport;
 
 pub use error::Error;
 pub use listing::Listing;
-pub use open::{list, open};
+pub use open::{list, open, open_simulated};
 pub use open_settings::OpenSettings;

@@ -1,6 +1,6 @@
 //! Lists the connected devices of all kinds, and opens one by its settings.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use sonoweave_core::Device;
 use sonoweave_core::clock::{Clock, Monotonic};
@@ -8,6 +8,7 @@ use sonoweave_core::clock::{Clock, Monotonic};
 use crate::error::Error;
 use crate::listing::Listing;
 use crate::open_settings::OpenSettings;
+use crate::transport::{MemoryOpener, Opener, Peer, SerialOpener};
 use crate::{arm, grabber, openigtlink, replay, tracker, transport};
 
 /// Lists the devices found now, including those that cannot be opened, with the reason, by the
@@ -35,4 +36,29 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         OpenSettings::Grabber(settings) => Box::new(grabber::Grabber::new(settings.clone(), clock)?),
         OpenSettings::Remote(settings) => openigtlink::open(settings, clock)?,
     })
+}
+
+/// Opens a tracker or an arm without starting it, on lines within the process to simulated
+/// devices, base first. Readings have the times at which their bytes arrive on the simulated
+/// lines, however late the machine reads them. Lines without a simulated device are serial ones,
+/// and other devices are opened by [`open`].
+///
+/// # Errors
+/// The errors of [`open`].
+pub fn open_simulated(settings: &OpenSettings, devices: &[Arc<Mutex<dyn Peer>>]) -> Result<Box<dyn Device>, Error> {
+    let clock: Arc<dyn Clock> = Arc::new(Monotonic);
+    let line =
+        |device: &Arc<Mutex<dyn Peer>>| -> Box<dyn Opener> { Box::new(MemoryOpener::in_real_time(Arc::clone(device))) };
+    match (settings, devices) {
+        (OpenSettings::Tracker(settings), [device]) => {
+            tracker::polhemus::open_on(settings, line(device), tracker::polhemus::Line::Serial(None), clock)
+        }
+        (OpenSettings::Arm(settings), _) => {
+            let mut devices = devices.iter();
+            arm::open_on(settings, &clock, |port| {
+                devices.next().map_or_else(|| Box::new(SerialOpener::new(port, Arc::clone(&clock))) as _, line)
+            })
+        }
+        _ => open(settings),
+    }
 }

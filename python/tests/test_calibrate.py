@@ -18,6 +18,7 @@ from sonoweave import (
     TrackerMap,
     TrackerNoise,
     calibrate_arm,
+    calibrate_crossings,
     calibrate_landmarks,
     calibrate_latency,
     calibrate_pivot,
@@ -232,6 +233,33 @@ def test_latency_by_floor_is_commands(command, tmp_path) -> None:
     assert Calibration.read(tmp_path / "cal.toml").latency == pytest.approx(
         {"video": found.video, "tracker": found.tracker}
     )
+
+
+def test_crossings_are_commands(command, program, tmp_path) -> None:
+    scan, used = tmp_path / "scan.mha", tmp_path / "probe.toml"
+    flags = ["--trajectory", "three-directions", "--image-size", "160x150", "--pixel", "0.3"]
+    flags += ["--frames", "120", "--gap", "0.9", "--seed", "5", "--calibration", used]
+    subprocess.run([program, "phantom", "-o", scan, *flags], check=True, capture_output=True)
+    right = calibrate_crossings(scan, config=used)
+    same(right.report, command("crossings", f"--sequence={scan}", f"--config={used}"))
+    assert not (right.slipped or right.late or right.undecided) and right.shift < 0.1
+
+    before = Calibration.read(used).probe_from_image
+    text = used.read_text()
+    for number, shift in zip(before[:3, 3], [0.8, -0.5, 0.4], strict=True):
+        moved = number + shift
+        assert text.count(repr(float(number))) == 1
+        text = text.replace(repr(float(number)), repr(float(moved)))
+    slipped = tmp_path / "slipped.toml"
+    slipped.write_text(text)
+    found = calibrate_crossings(scan, config=slipped, output=tmp_path / "new.toml")
+    assert found.slipped and abs(found.shift - 1.0) < 0.1 > found.shift_error
+    assert abs(found.lag) < 0.005 and found.lag_error < 0.005
+    assert np.allclose(found.probe_from_image[:3, 3], before[:3, 3], atol=0.1)
+    written = Calibration.read(tmp_path / "new.toml").probe_from_image
+    assert np.allclose(written, found.probe_from_image)
+    with pytest.raises(InputError, match="exists already"):
+        calibrate_crossings(scan, config=slipped, output=tmp_path / "new.toml")
 
 
 def test_tracker_noise_and_map_are_commands(command, tmp_path) -> None:

@@ -1,8 +1,9 @@
 //! Opens the devices of a session configuration: real ones by their drivers, virtual ones as
 //! simulations of one hand movement.
 //!
-//! A virtual tracker or arm uses a pseudo-terminal and its model's own protocol, so that its
-//! driver works as with the real device. A virtual grabber delivers its frames in process.
+//! A virtual tracker or arm uses its model's own protocol on a line within the process, so that
+//! its driver works as with the real device. A virtual grabber delivers its frames in process. The
+//! times of both are those of the simulation, however late a loaded machine reads them.
 
 mod homed;
 mod together;
@@ -11,14 +12,12 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
 use calibration::arm::JOINTS;
-use config::bedside::{Arm, ArmKind, Bedside, Roles, Tracker, Tracking, VirtualBedside};
+use config::bedside::{Arm, ArmKind, Bedside, Roles, Tracker, Tracking, VIRTUAL, VirtualBedside};
 use drivers::OpenSettings;
 use drivers::arm::ea1;
 use drivers::replay::line_protocol;
 use drivers::simulated::grabber::{Grabber, Pictures};
-use drivers::simulated::{
-    self, Faults, Motion, Placed, Pty, fastrak, isotrak, liberty, microscribe, qsb, trembling, viper,
-};
+use drivers::simulated::{self, Faults, Motion, Placed, fastrak, isotrak, liberty, microscribe, qsb, trembling, viper};
 use drivers::tracker::polhemus::{Model, Port};
 use drivers::transport::Peer;
 use formats::session::LineProtocol;
@@ -42,10 +41,10 @@ pub struct Devices {
     pub at_home: Option<Arc<AtomicBool>>,
     /// The frame grabber.
     pub grabber: Box<dyn Device>,
-    /// Simulations of the tracker or arm. Dropping them closes their lines, so the devices are
-    /// dropped first.
-    pub twins: Vec<Pty>,
 }
+
+/// A simulated device at the other end of a line.
+type Twin = Arc<Mutex<dyn Peer>>;
 
 /// Reason why devices cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -53,9 +52,6 @@ pub enum OpenError {
     /// Settings that no such device has.
     #[error(transparent)]
     Device(#[from] drivers::Error),
-    /// There is no line for a simulated device.
-    #[error("no pseudo-terminal for a virtual device: {0}; check that /dev/pts is mounted")]
-    Line(#[source] std::io::Error),
     /// There is no simulation of the device.
     #[error("{0}")]
     NoTwin(String),
@@ -78,11 +74,8 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         (Tracking::Tracker(tracker), Some((hand, virtual_bedside))) if tracker.port.is_none() => {
             let TrackerNoise { position_mm, rotation_degrees } = hand.scan().settings().tracker_noise;
             let motion = trembling(hand.motion(), position_mm, rotation_degrees, virtual_bedside.line.seed);
-            let twin = twin(tracker, seen_by(tracker.roles, motion), virtual_bedside.line);
-            let twin = twin.map_err(OpenError::Line)?;
-            let port = Port::Serial { path: twin.path().to_owned(), baud: None };
-            twins.push(twin);
-            tracker.open_settings(port, keeps_raw)
+            twins.push(twin(tracker, seen_by(tracker.roles, motion), virtual_bedside.line));
+            tracker.open_settings(Port::Serial { path: VIRTUAL.into(), baud: None }, keeps_raw)
         }
         (Tracking::Tracker(tracker), _) => {
             let port = tracker.port.clone().unwrap_or(Port::Usb(None));
@@ -94,7 +87,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
                 (Some(ports), _) => ports.clone(),
                 (None, Some((hand, virtual_bedside))) => {
                     twins = carrying(arm, Arc::clone(hand), virtual_bedside.line, begin_ns)?;
-                    twins.iter().map(|twin| twin.path().to_owned()).collect()
+                    vec![VIRTUAL.into(); twins.len()]
                 }
                 (None, None) => Vec::new(),
             };
@@ -104,10 +97,10 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let protocol = line_protocol(&settings);
     let (tracking, at_home) = match &settings {
         OpenSettings::Arm(_) => {
-            let (arm, at_home) = Homed::new(drivers::open(&settings)?);
+            let (arm, at_home) = Homed::new(drivers::open_simulated(&settings, &twins)?);
             (Box::new(arm) as Box<dyn Device>, Some(at_home))
         }
-        _ => (drivers::open(&settings)?, None),
+        _ => (drivers::open_simulated(&settings, &twins)?, None),
     };
     let grabber: Box<dyn Device> = match &hand {
         Some((hand, VirtualBedside { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
@@ -130,7 +123,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     } else {
         (tracking, grabber)
     };
-    Ok(Devices { tracking, protocol, at_home, grabber, twins })
+    Ok(Devices { tracking, protocol, at_home, grabber })
 }
 
 /// Returns the stations or axes whose readings make a pose.
@@ -166,51 +159,58 @@ fn seen_by(roles: Roles, motion: Motion) -> Motion {
     })
 }
 
-/// Starts a simulated tracker, with the requested sensors plugged in.
-fn twin(tracker: &Tracker, motion: Motion, faults: Faults) -> std::io::Result<Pty> {
+/// Returns a simulated tracker, with the requested sensors plugged in.
+fn twin(tracker: &Tracker, motion: Motion, faults: Faults) -> Twin {
     let sensors = tracker.roles.all().fold(0, |sensors: u16, (station, _)| sensors | 1 << (station - 1));
     match tracker.model {
-        Model::Isotrak => play(isotrak::Twin::new(motion, faults)),
-        Model::Fastrak => play(fastrak::Twin::new(motion, faults)),
+        Model::Isotrak => peer(isotrak::Twin::new(motion, faults)),
+        Model::Fastrak => peer(fastrak::Twin::new(motion, faults)),
         Model::Liberty | Model::Patriot => {
             let new = if tracker.model == Model::Liberty { liberty::Twin::new } else { liberty::Twin::patriot };
             let mut twin = new(motion, faults);
             twin.active = sensors;
-            play(twin)
+            peer(twin)
         }
         Model::Viper => {
             let mut twin = viper::Twin::new(motion, faults);
             twin.sensors = sensors;
-            play(twin)
+            peer(twin)
         }
     }
 }
 
-/// Starts the simulated lines of an arm, base first; its home position is where the hand begins.
-fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64) -> Result<Vec<Pty>, OpenError> {
+/// Returns the simulated lines of an arm, base first; its home position is where the hand begins.
+fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64) -> Result<Vec<Twin>, OpenError> {
     let counts_per_turn = arm.twin_counts_per_turn();
     let carried =
         VirtualBedside::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.to_string()))?;
     let joints = Arc::new(carried).joints();
-    let lines: std::io::Result<Vec<Pty>> = match arm.kind {
+    Ok(match arm.kind {
         ArmKind::Ea1(protocol) => {
             let mut twin = simulated::ea1::Twin::new(joints, faults);
             twin.counts_per_turn = [counts_per_turn; 3];
-            twin.homed = 7;
+            // It is at home and switched on before.
+            (twin.homed, twin.starts_when_opened) = (7, false);
             twin.set_clock(now_ns, 0);
             twin.bare = protocol == ea1::SampleFormat::BareNumbers;
             if twin.bare {
                 // The driver cannot query this setting.
                 twin.rate_hz = arm.settings.rate_hz;
             }
-            play(twin).map(|line| vec![line])
+            vec![peer(twin)]
         }
-        ArmKind::Qsb => (0..3).map(|axis| play(qsb::Twin::new(Arc::clone(&joints), axis, faults))).collect(),
-        ArmKind::MicroScribe(..) => play(microscribe::Twin::new(joints, faults)).map(|line| vec![line]),
-    };
-    lines.map_err(OpenError::Line)
+        ArmKind::Qsb => {
+            let line = |axis| {
+                let mut twin = qsb::Twin::new(Arc::clone(&joints), axis, faults);
+                twin.resets_when_opened = false;
+                peer(twin)
+            };
+            (0..3).map(line).collect()
+        }
+        ArmKind::MicroScribe(..) => vec![peer(microscribe::Twin::new(joints, faults))],
+    })
 }
 
-fn play(peer: impl Peer + 'static) -> std::io::Result<Pty> {
-    Pty::run(Arc::new(Mutex::new(peer)))
+fn peer(twin: impl Peer + 'static) -> Twin {
+    Arc::new(Mutex::new(twin))
 }

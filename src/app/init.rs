@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use config::bedside::ArmKind;
+use config::bedside::{ArmKind, VIRTUAL};
 use drivers::Listing;
 use drivers::tracker::polhemus::Model;
 
@@ -15,9 +15,6 @@ pub(crate) fn trackers() -> [&'static str; 5] {
 pub(crate) fn arms() -> [&'static str; 5] {
     ArmKind::NAMED.map(|(name, _)| name)
 }
-
-/// Name of a simulated device.
-pub(crate) const VIRTUAL: &str = "virtual";
 
 /// Devices that are plugged in.
 #[derive(Debug, Default)]

@@ -118,9 +118,10 @@ Example: sonoweave correct pressure SESSION-20261121-213000.mcap --light 1")]
 pub struct PressureArguments {
     /// Recorded session (.mcap)
     session: PathBuf,
-    /// Number of the sweep with light contact, in the order of time, from 1
+    /// Number of the sweep with light contact, in the order of time, from 1; without it, the sweeps
+    /// and their times are listed
     #[arg(long, value_name = "N")]
-    light: usize,
+    light: Option<usize>,
     #[command(flatten)]
     storing: StoringFlags,
 }
@@ -208,7 +209,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Arguments::Pressure(PressureArguments { session, light, storing }) => {
             check(session)?;
-            store(session, correct::pressure::compute(session, *light)?, storing)
+            store(session, correct::pressure::compute(session, light.unwrap_or(0))?, storing)
         }
         Arguments::Gate(GateArguments { session, share, signal, phase, storing }) => {
             check(session)?;

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use config::bedside::Bedside;
+use config::bedside::{Bedside, VIRTUAL};
 use drivers::Listing;
 use formats::whole::{persist_new, temporary, write_whole};
 
 use super::Failure;
 use super::print::print;
 use super::progress::say;
-use crate::app::init::{Answers, Found, VIRTUAL, arms, trackers};
+use crate::app::init::{Answers, Found, arms, trackers};
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::live::check;

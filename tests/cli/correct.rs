@@ -38,6 +38,17 @@ fn evidence(place: &Place, report: &str, name: &str) -> f64 {
     place.json(report)["evidence"][name].as_f64().unwrap_or_else(|| panic!("{report} has no {name}"))
 }
 
+/// Checks that a corrected session gives the same voxels with 1 and 3 threads as in `volume`,
+/// which was replayed with as many as there are cores.
+fn same_for_all_threads(place: &Place, session: &str, bedside: &str, volume: &str) {
+    for threads in [1, 3] {
+        place.put("threads.toml", bedside.replace("[volume]", &format!("[volume]\nthreads = {threads}")));
+        let run = place.run(&format!("replay {session} -c threads.toml -o threads.mha --quiet"));
+        assert!(run.code == 0 && run.stderr.contains("corrections applied: "), "{}", run.stderr);
+        assert!(place.volume("threads.mha").values == place.volume(volume).values, "{threads} threads");
+    }
+}
+
 #[test]
 fn corrections_are_applied_stale_and_undone() {
     let place = Place::new();
@@ -86,6 +97,7 @@ fn corrections_are_applied_stale_and_undone() {
     // A second replay has the same bits. Headers and comparisons name the corrections.
     assert_eq!(place.run(&format!("replay {session} -o again.mha --quiet")).code, 0);
     assert!(place.get("gated.mha") == place.get("again.mha"));
+    same_for_all_threads(&place, &session, BEDSIDE, "gated.mha");
     let compared = place.run("compare smooth.mha gated.mha").stdout;
     assert!(compared.contains("SonoweaveCorrections: 1 smoothing | 1 smoothing, 2 gate"), "{compared}");
 
@@ -197,6 +209,7 @@ fn drift_between_sweeps_is_corrected_by_their_crossings() {
     let run = replay("after.mha");
     assert!(run.stderr.contains("corrections applied: 1 drift"), "{}", run.stderr);
     assert!(place.get("before.mha") != place.get("after.mha"));
+    same_for_all_threads(&place, &session, &drifting, "after.mha");
     place.refuses_with(&format!("correct drift {session}"), &["correction 1 is a drift, too"]);
     place.does(&format!("correct undo {session} 1"));
     let run = replay("undone.mha");
@@ -214,8 +227,9 @@ fn pressure_is_undone_against_the_light_sweep() {
     let bedside = exact
         .replace("80x75", "120x120")
         .replace("gap_mm = 0.6", "gap_mm = 0.4")
-        .replace("pixel_mm = 0.6", "pixel_mm = 0.35");
-    let session = place.recorded(&(bedside + "pressure_mm = 1.2\n"), 10);
+        .replace("pixel_mm = 0.6", "pixel_mm = 0.35")
+        + "pressure_mm = 1.2\n";
+    let session = place.recorded(&bedside, 10);
     let replay = |volume: &str| place.run(&format!("replay {session} -o {volume} --quiet"));
     assert_eq!(replay("before.mha").code, 0);
     let said = place.does(&format!("correct pressure {session} --light 1 --json=p.json"));
@@ -225,10 +239,15 @@ fn pressure_is_undone_against_the_light_sweep() {
     let run = replay("after.mha");
     assert!(run.code == 0 && run.stderr.contains("corrections applied: 1 pressure"), "{}", run.stderr);
     assert!(place.get("before.mha") != place.get("after.mha"));
+    same_for_all_threads(&place, &session, &bedside, "after.mha");
     place.does(&format!("correct undo {session} 1"));
     let run = replay("undone.mha");
     assert!(run.stderr.contains("the volume is the same as in the live session, bit by bit"), "{}", run.stderr);
-    place.refuses_with(&format!("correct pressure {session} --light 99"), &["sweep 99 is not among the"]);
+    for words in ["", " --light 99"] {
+        let sweeps =
+            ["no correction: the scan has ", " sweeps: 1 (", " s), 2 (", "; give the number of the one with light"];
+        place.refuses_with(&format!("correct pressure {session}{words}"), &sweeps);
+    }
 }
 
 #[test]
@@ -247,6 +266,7 @@ fn jitter_of_poses_is_corrected_by_neighbours() {
     assert!(held_out > 0.15, "{held_out}");
     let run = place.run(&format!("replay {session} -o after.mha --quiet"));
     assert!(run.stderr.contains("corrections applied: 1 jitter"), "{}", run.stderr);
+    same_for_all_threads(&place, &session, &bedside, "after.mha");
     place.does(&format!("correct undo {session} 1"));
     place.does(&format!("correct smoothing {session}"));
     place.refuses_with(

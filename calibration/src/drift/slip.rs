@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::fitted::{Fitted, Gram};
 use super::knots::{Knots, NUMBERS};
+use crate::crossings::Checked;
 use crate::error::DriftError;
 use crate::slices::Slices;
 
@@ -35,6 +36,15 @@ pub struct Slip {
     pub lines: usize,
     /// Medians of the correlations along the lines, before and after each sweep's motion.
     pub correlations: [f64; 2],
+}
+
+impl Slip {
+    /// Whether the slices agree better by the slip than by one calibration of all sweeps. A wrong
+    /// latency or scale displaces sweeps of different directions differently, and looks like a
+    /// slip by itself.
+    pub fn is_likelier_than(&self, checked: &Checked) -> bool {
+        self.correlations[1] > checked.correlations[1]
+    }
 }
 
 impl std::fmt::Display for Slip {

@@ -294,11 +294,20 @@ fn corrections_beyond_a_limit_are_refused() {
     assert!(matches!(of(|drift| drift.correlations[1] = 0.8), Some(DriftError::NoBetter { .. })));
 }
 
+/// Returns the correlations by the slip, and by one calibration of all sweeps.
+fn compared(slices: &Slices, slip: &Slip) -> (bool, [f64; 2]) {
+    let checked = slices.checked().unwrap();
+    (slip.is_likelier_than(&checked), [slip.correlations[1], checked.correlations[1]])
+}
+
 #[test]
 fn slip_is_named_with_its_sweep() {
     for (seed, directions) in [(0, four()), (1, directions().to_vec())] {
-        let slip = scanned(&slipping(&directions, 1.0, seed), seed).slipped().unwrap().unwrap();
-        println!("{slip}");
+        let slices = scanned(&slipping(&directions, 1.0, seed), seed);
+        let slip = slices.slipped().unwrap().unwrap();
+        let (is_likelier, correlations) = compared(&slices, &slip);
+        println!("{slip}; correlations {correlations:.4?}");
+        assert!(is_likelier, "{correlations:?}");
         assert_eq!(slip.sweep, 2);
         assert!((slip.shift_mm - 1.0).abs() < 3.0 * slip.shift_se_mm && slip.shift_se_mm < 0.2, "{slip}");
         assert!(slip.between_s[0] < 2.0 * EACH_S && slip.between_s[1] >= 2.0 * EACH_S, "{slip:?}");
@@ -314,6 +323,27 @@ fn body_that_moved_looks_like_a_slip() {
     let slip = scanned(&Sweeps { body, ..Sweeps::of(&four()) }, 2).slipped().unwrap().unwrap();
     println!("{slip}");
     assert_eq!(slip.sweep, 2);
+}
+
+/// A latency that is off displaces a sweep that goes back against the others, as a slip does.
+#[test]
+fn wrong_latency_is_no_slip_though_a_sweep_goes_back() {
+    let goes_back = |lag_s: f64, mm: f64, seed: u64| {
+        let off = Change::from_fn(|k, _| if k == 8 { lag_s } else { 0.0 });
+        scanned(&Sweeps { off, goes_back: true, ..slipping(&directions(), mm, seed) }, seed)
+    };
+    for (seed, lag_s) in [(0, 0.1), (1, -0.1)] {
+        let slices = goes_back(lag_s, 0.0, seed);
+        let slip = slices.slipped().ok().flatten().filter(|slip| compared(&slices, slip).0);
+        assert_eq!(slip, None, "{lag_s}");
+    }
+    let slices = goes_back(0.0, 1.0, 3);
+    let (slip, checked) = (slices.slipped().unwrap().unwrap(), slices.checked().unwrap());
+    assert!(slip.is_likelier_than(&checked), "{slip}");
+    // As of sweeps that one calibration explains.
+    let mut alike = checked;
+    alike.correlations[1] = slip.correlations[1];
+    assert!(!slip.is_likelier_than(&alike), "{slip}");
 }
 
 #[test]
@@ -372,7 +402,8 @@ fn half_a_millimetre_is_found_in_most_scans() {
     let (mut found, mut right) = (0, 0);
     for seed in 0..20 {
         let directions = if seed % 2 == 0 { four() } else { directions().to_vec() };
-        let slip = scanned(&slipping(&directions, 0.5, 400 + seed), 400 + seed).slipped().unwrap();
+        let slices = scanned(&slipping(&directions, 0.5, 400 + seed), 400 + seed);
+        let slip = slices.slipped().unwrap().filter(|slip| compared(&slices, slip).0);
         found += usize::from(slip.is_some());
         right += usize::from(slip.is_some_and(|slip| slip.sweep == 2));
     }

@@ -4,14 +4,10 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PressureError {
     /// There is no such sweep.
-    #[error(
-        "sweep {number} is not among the {sweeps} of the scan; give the number of the one with light contact, from 1"
-    )]
+    #[error("the scan has {}; give the number of the one with light contact", named(.sweeps_s))]
     NoSweep {
-        /// The number that was given.
-        number: usize,
-        /// Sweeps of the scan.
-        sweeps: usize,
+        /// First and last time of each sweep, s from the beginning of the scan.
+        sweeps_s: Vec<[f64; 2]>,
     },
     /// The limit of distances is no length.
     #[error("a distance of {near_mm} mm is no limit for planes; set one above 0, such as 0.8 of the beam's deviation")]
@@ -138,4 +134,14 @@ pub enum PressureError {
         /// Number of knots.
         knots: usize,
     },
+}
+
+/// Names sweeps by their numbers and times.
+fn named(sweeps_s: &[[f64; 2]]) -> String {
+    if sweeps_s.is_empty() {
+        return "no sweep along a steady direction".into();
+    }
+    let sweep = |(at, [from_s, to_s]): (usize, &[f64; 2])| format!("{} ({from_s:.1} to {to_s:.1} s)", at + 1);
+    let all: Vec<String> = sweeps_s.iter().enumerate().map(sweep).collect();
+    format!("{} sweep{}: {}", all.len(), if all.len() == 1 { "" } else { "s" }, all.join(", "))
 }

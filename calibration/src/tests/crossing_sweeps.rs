@@ -43,6 +43,8 @@ pub(crate) struct Sweeps {
     pub(crate) drift: Vec<Drifting>,
     /// Multiplies the hand's tilts.
     pub(crate) tilts: f64,
+    /// Whether the last sweep goes back.
+    pub(crate) goes_back: bool,
     /// From the tracker's frame to the one of the recorded poses.
     pub(crate) room: DAffine3,
 }
@@ -76,6 +78,7 @@ impl Sweeps {
             wander: [0.0; 2],
             drift: Vec::new(),
             tilts: 1.0,
+            goes_back: false,
             room: DAffine3::IDENTITY,
         }
     }
@@ -89,8 +92,9 @@ impl Sweeps {
             self.tilts * 0.08 * wave(0.23, 1.0),
             self.tilts * 0.05 * wave(0.4, 2.0),
         );
+        let speed = if self.goes_back && sweep + 1 == self.directions.len() { -6.0 } else { 6.0 };
         let along =
-            DVec3::new(1.5 * wave(0.37, 0.0), 1.2 * wave(0.29, 1.4), 6.0 * (time_s - 3.0) + 0.8 * wave(0.5, 0.7));
+            DVec3::new(1.5 * wave(0.37, 0.0), 1.2 * wave(0.29, 1.4), speed * (time_s - 3.0) + 0.8 * wave(0.5, 0.7));
         let turn = self.directions[sweep];
         DAffine3::from_rotation_translation(turn * tilt, turn * along)
     }

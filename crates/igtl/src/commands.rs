@@ -1,4 +1,4 @@
-//! Commands of clients to a session: start, stop, save the volume, freeze, unfreeze, clear.
+//! Commands of clients to a session: start, stop, save the volume, freeze, unfreeze, clear, mark.
 //!
 //! `start` ([`Command::Scan`]) begins a session that waits for it (`--igtl-wait`); its settings
 //! say whether it is recorded. `stop` ends it, so that it writes its results. `save` writes the
@@ -9,13 +9,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use pipeline::command::Command;
+use pipeline::command::{Command, Marker, MarkerSource};
 use pipeline::control::{SessionController, keep};
 use pipeline::session::Snapshot;
+use sonoweave_core::clock::{Clock as _, Monotonic};
 
 use super::error::IgtlError;
 
-/// The commands that clients can send, by their names.
+/// The commands that clients can send, by their names, beside [`MARK`].
 const NAMES: [(&str, Command); 6] = [
     ("start", Command::Scan),
     ("stop", Command::Stop),
@@ -25,8 +26,14 @@ const NAMES: [(&str, Command); 6] = [
     ("clear", Command::Clear),
 ];
 
+/// Name of the command that marks the moment of its arrival.
+const MARK: &str = "mark";
+
 /// Returns the command with this name, in any case.
 pub(super) fn named(name: &str) -> Option<Command> {
+    if name.trim().eq_ignore_ascii_case(MARK) {
+        return Some(Command::Mark(Marker { at_ns: Monotonic.now_ns(), by: MarkerSource::Operator }));
+    }
     let mut known = NAMES.into_iter();
     known.find_map(|(known, command)| name.trim().eq_ignore_ascii_case(known).then_some(command))
 }
@@ -118,6 +125,11 @@ mod tests {
         assert_eq!(named(" Stop "), Some(Command::Stop));
         assert_eq!(named("unfreeze"), Some(Command::Freeze(false)));
         assert_eq!(named("reboot"), None);
+        let before = Monotonic.now_ns();
+        let Some(Command::Mark(Marker { at_ns, by: MarkerSource::Operator })) = named("MARK") else {
+            panic!("no mark")
+        };
+        assert!(before <= at_ns && at_ns <= Monotonic.now_ns());
         assert_eq!(of_xml("<Command Name=\"save\" Id=\"7\" />\0"), Some(Command::Save));
         assert_eq!(of_xml("<Order Name=\"save\"/>"), None);
         assert_eq!(of_xml("<Command Name=\"save\""), None);

@@ -17,12 +17,22 @@ use crate::transport::{Opener, PortPath, SerialOpener};
 /// # Errors
 /// [`Error::Setting`] for settings that no such arm has.
 pub fn open(settings: &ArmSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+    open_on(settings, &clock, |port| Box::new(SerialOpener::new(port, Arc::clone(&clock))))
+}
+
+/// Opens an arm on lines that `line` opens, base first.
+///
+/// # Errors
+/// The errors of [`open`].
+pub(crate) fn open_on(
+    settings: &ArmSettings,
+    clock: &Arc<dyn Clock>,
+    mut line: impl FnMut(PortPath) -> Box<dyn Opener>,
+) -> Result<Box<dyn Device>, Error> {
     let ArmSettings { model, settings, keeps_raw } = settings;
     // Opens the line at the usual rate of its kind; set-up may change it.
-    let line = |path: &PathBuf, usual: u32| -> Box<dyn Opener> {
-        let port = PortPath { path: path.clone(), baud: settings.baud.unwrap_or(usual) };
-        Box::new(SerialOpener::new(port, Arc::clone(&clock)))
-    };
+    let mut line = |path: &PathBuf, usual| line(PortPath { path: path.clone(), baud: settings.baud.unwrap_or(usual) });
+    let clock = Arc::clone(clock);
     Ok(match model {
         Model::Ea1 { path, format } => {
             let opener = line(path, ea1::unit::BAUD);

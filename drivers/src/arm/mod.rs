@@ -20,5 +20,6 @@ pub mod qsb;
 pub mod settings;
 
 pub use driver::open;
+pub(crate) use driver::open_on;
 pub use model::{ArmSettings, Model};
 pub use settings::Settings;

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ._calibrate import (
     calibrate_arm,
+    calibrate_crossings,
     calibrate_landmarks,
     calibrate_latency,
     calibrate_pivot,
@@ -17,6 +18,7 @@ from ._calibration import Calibration
 from ._calibration_results import (
     ArmCalibration,
     ArmCheck,
+    CrossingsCheck,
     LandmarkCalibration,
     LatencyCalibration,
     PivotCalibration,
@@ -36,6 +38,7 @@ __all__ = [
     "ArmCheck",
     "Calibration",
     "CalibrationError",
+    "CrossingsCheck",
     "FrameRefused",
     "InputError",
     "LandmarkCalibration",
@@ -51,6 +54,7 @@ __all__ = [
     "Volume",
     "__version__",
     "calibrate_arm",
+    "calibrate_crossings",
     "calibrate_landmarks",
     "calibrate_latency",
     "calibrate_pivot",

@@ -14,6 +14,7 @@ from ._arguments import keywords, path
 from ._calibration_results import (
     ArmCalibration,
     ArmCheck,
+    CrossingsCheck,
     LandmarkCalibration,
     LatencyCalibration,
     PivotCalibration,
@@ -25,6 +26,7 @@ from ._sonoweave import Calibration as _Native
 
 __all__ = [
     "calibrate_arm",
+    "calibrate_crossings",
     "calibrate_landmarks",
     "calibrate_latency",
     "calibrate_pivot",
@@ -161,6 +163,50 @@ def calibrate_latency(
         video=content["video_ms"] / 1e3,
         tracker=content["tracker_ms"] / 1e3,
         method=content["method"],
+        report=content,
+    )
+
+
+def calibrate_crossings(
+    sequence: _Path, *, config: _Path | None = None, output: _Path | None = None, **settings: Any
+) -> CrossingsCheck:
+    """Check a probe's calibration by crossing slices, as ``sonoweave calibrate crossings`` does.
+
+    Parameters
+    ----------
+    sequence : path
+        Sweeps of a body at rest in three directions: a tracked sequence with images, or a session.
+    config : path, optional
+        Calibration to check: our TOML or a PLUS XML. By default the session's.
+    output : path, optional
+        Put the calibration found into this new calibration file.
+    **settings : Any
+        Further flags of the command, with ``_`` for ``-``.
+
+    Returns
+    -------
+    CrossingsCheck
+        The result. A calibration that has slipped is no error, though the command then fails.
+
+    Raises
+    ------
+    InputError
+        A setting does not fit, the sweeps cross too little, or the result is not certain enough
+        for ``output``.
+    OSError
+        A file cannot be read or written.
+    """
+    given = {"sequence": path("sequence", sequence), "config": config, "output": output}
+    content = _measured("crossings", given | settings)
+    return CrossingsCheck(
+        probe_from_image=_array(content["image_to_probe"], 4, 4),
+        shift=content["shift_mm"],
+        shift_error=content["shift_se_mm"],
+        lag=content["lag_s"][0],
+        lag_error=content["lag_s"][1],
+        slipped=content["has_slipped"],
+        late=content["is_late"],
+        undecided=content["is_undecided"],
         report=content,
     )
 

@@ -175,6 +175,37 @@ class TrackerMap:
 
 
 @dataclasses.dataclass(frozen=True)
+class CrossingsCheck:
+    """Check of a probe's calibration by slices that cross, and a corrected calibration.
+
+    Parameters
+    ----------
+    probe_from_image : array of float64, shape (4, 4)
+        The calibration by which crossing slices agree best: pixels to mm at the probe's sensor.
+    shift, shift_error : float
+        Displacement of the image by it, root mean square, and its standard error, mm.
+    lag, lag_error : float
+        The tracker's lag beyond the one in use, and its standard error, s.
+    slipped, late : bool
+        Whether the calibration, or the latency, in use is off by more than chance explains.
+    undecided : bool
+        Whether the sweeps do not tell; the two above are then False.
+    report : dict
+        The report of the command ``sonoweave calibrate crossings``.
+    """
+
+    probe_from_image: npt.NDArray[np.float64]
+    shift: float
+    shift_error: float
+    lag: float
+    lag_error: float
+    slipped: bool
+    late: bool
+    undecided: bool
+    report: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
 class ArmCalibration:
     """Result of an arm's calibration.
 

@@ -77,7 +77,7 @@ impl Options {
         let slices = slices(&source, calibration, Poses::Smoothed, lag_s, &mut notes)?;
         let checked = slices.checked().map_err(|why| Failure::new(format!("no check: {why}")))?;
         // Sweeps that do not tell are no reason against the check.
-        let slip = slices.slipped().ok().flatten();
+        let slip = slices.slipped().ok().flatten().filter(|slip| slip.is_likelier_than(&checked));
         let inputs = source.paths().into_iter().chain(self.config.as_deref()).map(Input::of);
         Ok(Found {
             probe_from_image: checked.corrected(in_use),

@@ -97,7 +97,7 @@ pub fn lead<G: Guide>(
     let folder = gathering.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = quit_on_signal()?;
     let policy = status_publisher::policy(&bedside)?;
-    let Devices { tracking, protocol, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
+    let Devices { tracking, protocol, at_home, grabber } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, roles.len() > GRABBER)?;
     if let Some(at_home) = at_home {
         Home::default().listen(at_home, |how| advisor.say(how))?;
@@ -130,7 +130,6 @@ pub fn lead<G: Guide>(
                 }
             }
         })?;
-    drop(twins);
     advisor.end(&last);
     let Some(recording) = recording else { return Err(Failure::new("nothing was recorded; begin again")) };
     account.notes.iter().for_each(|note| advisor.say(note));

@@ -15,7 +15,8 @@ use crate::failure::Failure;
 /// Computes the correction, against the sweep of this number, from 1.
 ///
 /// # Errors
-/// [`Failure`] when the session cannot be read, or its sweeps do not show pressure.
+/// [`Failure`] when the session cannot be read, its sweeps do not show pressure, or there is no
+/// sweep of this number: it then lists the sweeps.
 pub(crate) fn compute(session: &Path, light: usize) -> Result<Correction, Failure> {
     let before = Before::of(session, Kind::Pressure)?;
     let settings = PressureSettings { light, near_mm: NEAR_MM };

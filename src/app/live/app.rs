@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use config::bedside::Bedside;
-use drivers::simulated::Pty;
 use pipeline::Observer;
 use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, SessionController};
@@ -53,8 +52,6 @@ pub(super) struct LiveApp<'a> {
 /// The opened inputs of a session.
 struct Made {
     inputs: SessionInputs,
-    /// Virtual devices, which run until this is dropped.
-    twins: Vec<Pty>,
     /// Name of the volume's input.
     input: String,
 }
@@ -73,7 +70,7 @@ impl LiveApp<'_> {
         let mut made = self.open(&bedside, folder.as_deref(), resumed, resume.as_deref())?;
         loop {
             let bedside = self.reload.bedside().clone();
-            let Made { inputs, twins, input } = made;
+            let Made { inputs, input } = made;
             let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
             self.publisher.begin_session(&bedside, records.then_some(input.as_str()))?;
             let stages = self.stages(&bedside)?;
@@ -83,7 +80,6 @@ impl LiveApp<'_> {
             let controller = Arc::clone(&self.controller);
             let ended =
                 pipeline::session::run(&stages, inputs, &Monotonic, controller.turns(), |status| self.watch(status))?;
-            drop(twins);
             made = match self.next(&ended)? {
                 Some(next) => next,
                 None => return self.leave(leave, ended),
@@ -120,7 +116,7 @@ impl LiveApp<'_> {
         let quiet = self.options.quiet;
         let [tracking_is, grabber_is] = roles(bedside)?;
         let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
-        let Devices { tracking, protocol, at_home, grabber, twins } = opened;
+        let Devices { tracking, protocol, at_home, grabber } = opened;
         refuse_size(bedside, grabber.describe().image_size, self.options.accept_example, self.operator.reporter)?;
         let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
         if let Some(at_home) = at_home {
@@ -148,7 +144,7 @@ impl LiveApp<'_> {
         ];
         let source = Source::Devices { devices, record };
         let inputs = SessionInputs { source, resumed, policy: self.policy.clone() };
-        Ok(Made { inputs, twins, input })
+        Ok(Made { inputs, input })
     }
 
     /// Publishes the status to observers, and returns instructions for the session. The pipeline

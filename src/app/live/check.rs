@@ -189,12 +189,11 @@ fn of_grabber(bedside: &Bedside, tried: &Tried) -> Checked {
 fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i64) -> Checked {
     let mut checked = Checked::new(what);
     let Tried { description, health, .. } = tried;
-    let twin = if is_virtual && what != "grabber" { ", a virtual one" } else { "" };
     let latency_ms = latency_ns as f64 * 1e-6;
     match tried.ran_after {
-        Some(after) => checked.say(format!("{}{twin}; runs after {:.1} s", description.name, after.as_secs_f64())),
+        Some(after) => checked.say(format!("{}; runs after {:.1} s", description.name, after.as_secs_f64())),
         None => {
-            checked.say(format!("{}{twin}", description.name));
+            checked.say(description.name.clone());
             let seconds = PATIENCE / 1_000_000_000;
             checked.wrong(match (&tried.refused, health.why.as_str()) {
                 (Some(refused), _) => refused.clone(),

@@ -43,7 +43,7 @@ use crate::settings::Settings;
 use crate::texts::{ByPath, Texts};
 
 pub use change::{Change, Changes};
-pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
+pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking, VIRTUAL};
 pub use file::Bedside;
 pub use reader::Effective;
 pub use remote::Remote;

@@ -48,8 +48,7 @@ fn advice(name: &str, options: &str) -> String {
 /// # Errors
 /// [`Error::Setting`] for settings that the model does not have.
 pub fn open(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
-    let TrackerSettings { model, port, settings, keeps_raw } = settings;
-    let (opener, line): (Box<dyn Opener>, _) = match port {
+    let (opener, line): (Box<dyn Opener>, _) = match &settings.port {
         Port::Serial { path, baud } => {
             let port = PortPath { path: path.clone(), baud: baud.unwrap_or(BAUD) };
             (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
@@ -57,12 +56,26 @@ pub fn open(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn
         Port::Usb(which) => {
             let waits =
                 |number: &u16| product(*number).and_then(|(name, options)| Some((*number, advice(name, options?))));
-            let loaders = model.loaders().iter().filter_map(waits).collect();
-            let products = model.products().to_vec();
+            let loaders = settings.model.loaders().iter().filter_map(waits).collect();
+            let products = settings.model.products().to_vec();
             let id = UsbId { vendor: VENDOR, products, loaders, which: which.clone() };
             (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
         }
     };
+    open_on(settings, opener, line, clock)
+}
+
+/// Opens a tracker on a given line.
+///
+/// # Errors
+/// The errors of [`open`].
+pub(crate) fn open_on(
+    settings: &TrackerSettings,
+    opener: Box<dyn Opener>,
+    line: Line,
+    clock: Arc<dyn Clock>,
+) -> Result<Box<dyn Device>, Error> {
+    let TrackerSettings { model, settings, keeps_raw, .. } = settings;
     let name = opener.name().to_owned();
     fn connect<P: Protocol + 'static>(
         opener: Box<dyn Opener>,

@@ -19,6 +19,7 @@ mod settings;
 pub mod setup_sequence;
 pub mod viper;
 
+pub(crate) use driver::open_on;
 pub use driver::{VENDOR, list, open};
 pub use model::{Model, Port, TrackerSettings};
 pub use settings::Settings;

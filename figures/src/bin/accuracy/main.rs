@@ -13,14 +13,18 @@
 //! - [`intervals`]: intervals of voxels by their standard errors, and the truth.
 //! - [`kernels`]: errors by the kernel, with exact poses.
 //! - [`shadows`]: errors behind bone that some views see past.
+//! - [`crossing_scan`]: sweeps that cross, as a tracker's sensor measures them.
 //! - [`crossings`]: calibrations by crossing sweeps, and alarms of slipped sensors.
+//! - [`drift`]: slow drift, corrected by crossing sweeps.
 //! - [`breathing`]: gates by breathing, and gates of bodies at rest.
 //! - [`recordings`]: errors by the kernel, on recordings.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
 mod breathing;
+mod crossing_scan;
 mod crossings;
+mod drift;
 mod intervals;
 mod kernels;
 #[path = "../../../../benches/reconstruct/loading.rs"]
@@ -78,6 +82,7 @@ fn run(sweeps: u64, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error
     shadows::compare(sweeps, &mut report, &mut figures)?;
     let quick = sweeps == 1;
     crossings::compare(sweeps, &mut report, &mut figures)?;
+    drift::compare(sweeps, &mut report, &mut figures)?;
     breathing::compare(sweeps, &mut report, &mut figures)?;
     recordings::compare(project, !quick, &mut report, &mut figures, folder)?;
     let run = json!({ "quick": quick, "figures": Value::Object(figures) });
