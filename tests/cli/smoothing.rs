@@ -1,6 +1,6 @@
 //! `reconstruct --smoothing`: smoothed poses of a recorded sweep.
 
-use super::place::Place;
+use super::place::{Place, SMALL_BEDSIDE};
 
 const SWEEP: &str = "phantom -o s.mha --image-size 96x80 --pixel 0.35 --frames 120 --gap 0.35 --noise 0 --truth t.mha";
 
@@ -62,5 +62,33 @@ fn useless_smoothing_times_are_refused() {
         let run = place.run(&format!("reconstruct s.mha -o v.mha --smoothing={time}"));
         assert!(run.code == 2 && run.stderr.contains("'--smoothing <MS>'"), "{time}: {} {}", run.code, run.stderr);
         assert!(!place.names().contains("v.mha"));
+    }
+}
+
+/// Smoothed poses, the kernel of fourth order, gap weights, shadow weights and standard errors in
+/// one session.
+#[test]
+fn session_with_all_methods_is_the_same_replayed_by_any_threads() {
+    let place = Place::new();
+    let volume = "[volume]\nmethod = \"gaussian4\"\ngap_weights = true\nshadow_weights = true\nstandard_error = true\n";
+    let bedside = SMALL_BEDSIDE.replace("[volume]\n", volume) + "tracker_noise_mm = 0.3\ntracker_noise_deg = 0.3\n";
+    let bedside = bedside + "[pairing]\nsmoothing_ms = 300\n";
+    let session = place.recorded(&bedside, 4);
+    let replay = |name: &str, flags: &str| {
+        let files = format!("-o {name}.mha --weights {name}-w.mha --error {name}-e.mha --json={name}.json");
+        let run = place.run(&format!("replay {session} {files} {flags}"));
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        run.stderr
+    };
+    let said = replay("v", "");
+    assert!(said.contains("the same as in the live session, bit by bit"), "{said}");
+    assert!(place.json("v.json")["frames"]["used"].as_u64().unwrap() > 20, "{said}");
+    for threads in [1, 3] {
+        place.put("threads.toml", bedside.replace("[volume]\n", &format!("[volume]\nthreads = {threads}\n")));
+        replay("t", "--config threads.toml");
+        for part in ["", "-w", "-e"] {
+            let [all, other] = ["v", "t"].map(|name| place.volume(&format!("{name}{part}.mha")).values);
+            assert!(all == other, "{threads} threads: {part}");
+        }
     }
 }

@@ -8,6 +8,7 @@
 //!
 //! - [`support`]: figure 5, half width and σ, the kernel's end, its effective width.
 //! - [`signal`], [`reconstructed`]: figures 6 and 7, and the cost of truncation.
+//! - [`corrections`]: the same signal with corrections of uneven gaps.
 //! - [`ripple`]: slices at equal distances.
 //! - [`decay`], [`decay_reconstructed`], [`fading`]: decay of old data, and the resulting shifts,
 //!   by the equations and by the reconstructor.
@@ -28,6 +29,7 @@ mod bedside;
 mod caches;
 mod columns;
 mod columns_reconstructed;
+mod corrections;
 mod decay;
 mod decay_reconstructed;
 mod doll;
@@ -104,6 +106,7 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     speed::thigh(&mut report, effort.rounds)?;
     support::draw(&mut report, folder)?;
     reconstructed::draw(&mut report, folder, effort.draws)?;
+    corrections::draw(&mut report, folder, effort.draws)?;
     let ripples = reconstructed_volumes::undersampling(&mut report)?;
     ripple::draw(&mut report, folder, &ripples)?;
     fading::draw(&mut report, folder)?;
