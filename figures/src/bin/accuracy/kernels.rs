@@ -4,6 +4,7 @@ use std::error::Error;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use mask::Mask;
@@ -15,6 +16,7 @@ use sonoweave_core::slice::Slice;
 use sonoweave_figures::{Axis, Figure, Ink, Panel, Series, SeriesStyle};
 use volume::{Grid, Voxels};
 
+use crate::crossings::text;
 use crate::report::{Report, digits, markdown};
 use crate::tracker::Draws;
 
@@ -73,6 +75,8 @@ pub(crate) fn inserted(
     Ok(volume)
 }
 
+/// Most scans of an uneven sweep: each has as many voxels as ten of the others.
+const UNEVEN_SEEDS: u64 = 3;
 /// Frames of a dense sweep for one of an uneven one.
 const DENSE: u32 = 20;
 /// Voxels within so many of the border are not compared.
@@ -136,7 +140,7 @@ impl Case {
         [plane, across]: [f64; 2],
     ) -> Result<PathReconstructor, Box<dyn Error>> {
         let sigma_mm = [Some(plane), Some(plane), Some(across)];
-        let usual = Settings { threads: 2, ..Settings::new(DVec3::splat(self.spacing_mm)) };
+        let usual = Settings { threads: 1, ..Settings::new(DVec3::splat(self.spacing_mm)) };
         let settings = Settings { method, sigma_mm, gap_weights, ..usual };
         inserted(settings, self.scan.mask(), &self.slices.iter().collect::<Vec<_>>())
     }
@@ -208,24 +212,32 @@ impl Sweep {
         };
         let cases = (1..=seeds).map(|seed| Case::new(scene(seed), self, seed));
         let cases = cases.collect::<Result<Vec<_>, _>>()?;
-        let mut errors = [const { Vec::new() }; ALL];
-        for (kernel, errors) in KERNELS.into_iter().zip(errors.as_chunks_mut::<2>().0) {
-            for plane in if is_quick { &QUICK_MM[..] } else { &IN_PLANE_MM } {
-                let mut least = [Least { plane: *plane, across: 0.0, rmse: f64::INFINITY }; 2];
-                for across in if is_quick { &QUICK_ACROSS_MM[..] } else { &ACROSS_MM } {
-                    let mut sums = [0.0; 2];
-                    for case in &cases {
-                        let squares = case.mean_squares(kernel, [*plane, *across])?;
-                        (0..2).for_each(|i| sums[i] += squares[i] / cases.len() as f64);
-                    }
-                    for (least, sum) in least.iter_mut().zip(sums) {
-                        if sum.sqrt() < least.rmse {
-                            (least.across, least.rmse) = (*across, sum.sqrt());
-                        }
+        let (planes, acrosses) =
+            if is_quick { (&QUICK_MM[..], &QUICK_ACROSS_MM[..]) } else { (&IN_PLANE_MM[..], &ACROSS_MM[..]) };
+        // Volumes at once, of one thread each: a small one occupies two threads badly.
+        let least = |(kernel, plane): ((Method, bool), f64)| {
+            let mut least = [Least { plane, across: 0.0, rmse: f64::INFINITY }; 2];
+            for across in acrosses {
+                let mut sums = [0.0; 2];
+                for case in &cases {
+                    let squares = case.mean_squares(kernel, [plane, *across]).map_err(text)?;
+                    (0..2).for_each(|i| sums[i] += squares[i] / cases.len() as f64);
+                }
+                for (least, sum) in least.iter_mut().zip(sums) {
+                    if sum.sqrt() < least.rmse {
+                        (least.across, least.rmse) = (*across, sum.sqrt());
                     }
                 }
-                (0..2).for_each(|i| errors[i].push(least[i]));
             }
+            Ok(least)
+        };
+        let widths = KERNELS.iter().flat_map(|kernel| planes.iter().map(move |plane| (*kernel, *plane)));
+        let widths: Vec<((Method, bool), f64)> = widths.collect();
+        let found = widths.into_par_iter().map(least).collect::<Result<Vec<_>, String>>()?;
+        let mut errors = [const { Vec::new() }; ALL];
+        for (number, least) in found.iter().enumerate() {
+            let kernel = number / planes.len();
+            (0..2).for_each(|i| errors[2 * kernel + i].push(least[i]));
         }
         Ok(errors)
     }
@@ -267,7 +279,8 @@ pub(crate) fn compare(
 ) -> Result<(), Box<dyn Error>> {
     let (mut lines, mut panels) = (Vec::new(), Vec::new());
     for sweep in &SWEEPS {
-        let (name, errors) = (sweep.name, sweep.errors(seeds, seeds == 1)?);
+        let own = if sweep.uneven.is_some() { seeds.min(UNEVEN_SEEDS) } else { seeds };
+        let (name, errors) = (sweep.name, sweep.errors(own, seeds == 1)?);
         // The sphere's edges want the narrowest kernel: it is compared at an equal width.
         let best = |of: &[Least]| match name {
             SPHERE => of.iter().find(|least| least.plane == 0.3).copied(),
