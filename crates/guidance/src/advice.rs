@@ -199,10 +199,12 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         add(
             How::Heed,
             "breathing".into(),
-            format!("The body breathes: for a gate, sweep slower than {speed_mm_s:.1} mm/s, or three times."),
             format!(
-                "Its sensor moves by {size_mm:.0} mm every {period_s:.1} s. The volume follows the sensor; what moves \
-                 against it is blurred, and `sonoweave correct gate` then leaves frames out."
+                "The body breathes: to gate it, sweep slower than {speed_mm_s:.1} mm/s, or each place three times."
+            ),
+            format!(
+                "Its sensor moves by {size_mm:.0} mm every {period_s:.1} s. A volume in its frame follows it; what \
+                 moves against it is blurred, and `sonoweave correct gate` then leaves frames out."
             ),
         );
     }
