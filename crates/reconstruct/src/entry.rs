@@ -83,11 +83,8 @@ pub(crate) unsafe fn enter<L: Lanes>(
     unsafe {
         let most = filtered.rule.most_weight;
         match filtered.rule.entry {
-            Entry::Mean => mean(data, at, mask, sample, filtered, task),
-            Entry::MeanAndSquares => {
-                square(data, at, mask, sample, most);
-                mean(data, at, mask, sample, filtered, task);
-            }
+            Entry::Mean => mean::<L, false>(data, at, mask, sample, filtered, task),
+            Entry::MeanAndSquares => mean::<L, true>(data, at, mask, sample, filtered, task),
             Entry::Maximum => raise(data.brick, at, mask, sample.value(), task),
             Entry::Latest => replace(data, at, mask, sample.value(), filtered.time.stamp, task),
             Entry::Decay(fading) => {
@@ -97,19 +94,19 @@ pub(crate) unsafe fn enter<L: Lanes>(
                 } else {
                     let gain = data.change.gain;
                     let weight = sample.weight.mul(L::splat(gain));
-                    add(data.brick, at, mask, [weight, sample.sum(), sample.certainty], most * gain, task);
+                    add::<L, false>(data, at, mask, [weight, sample.sum(), sample.certainty], most * gain, task);
                 }
             }
         }
     }
 }
 
-/// Implements [`Entry::Mean`].
+/// Implements [`Entry::Mean`], and with `SQUARES` [`Entry::MeanAndSquares`].
 ///
 /// # Safety
 /// Same as for [`enter`].
 #[inline(always)]
-pub(crate) unsafe fn mean<L: Lanes>(
+pub(crate) unsafe fn mean<L: Lanes, const SQUARES: bool>(
     data: &mut BrickData<'_>,
     at: usize,
     mask: L::Mask,
@@ -120,27 +117,28 @@ pub(crate) unsafe fn mean<L: Lanes>(
     // SAFETY: as for this function.
     unsafe {
         let summed = [sample.weight, sample.sum(), sample.certainty];
-        add(data.brick, at, mask, summed, filtered.rule.most_weight, task);
+        add::<L, SQUARES>(data, at, mask, summed, filtered.rule.most_weight, task);
     }
 }
 
 /// Adds to the sums of a vector at `at`, in the lanes of `mask`, and clamps the weights to
-/// `most`.
+/// `most`. With `SQUARES`, adds to the sums of squares, too.
 ///
 /// # Safety
 /// The instruction set of `L` must be available; `at` begins a vector of the brick.
 #[inline(always)]
-unsafe fn add<L: Lanes>(
-    brick: &mut Brick,
+unsafe fn add<L: Lanes, const SQUARES: bool>(
+    data: &mut BrickData<'_>,
     at: usize,
     mask: L::Mask,
     [weight, sum, certainty]: [L; 3],
     most: f32,
     task: &mut Task,
 ) {
-    // SAFETY: as for this function.
+    // SAFETY: as for this function; the sums of squares have the brick's shape.
     unsafe {
         let most = L::splat(most);
+        let brick = &mut *data.brick;
         let r = L::load(brick.r.as_ptr().add(at));
         let w = L::load(brick.w.as_ptr().add(at));
         let mut new_r = sum.mul_add(weight, r);
@@ -149,6 +147,18 @@ unsafe fn add<L: Lanes>(
         task.updated += bits.count_ones();
         let fits = new_w.le(most);
         let above = bits & !L::bits(fits);
+        if SQUARES && let Some(squares) = &mut data.squares {
+            let tile = &mut squares.tiles[at / LANES];
+            if above != 0 {
+                // All weights of a voxel shrink as their sum is clamped.
+                let (mut weights, mut clamped) = ([0.0; LANES], [0.0; LANES]);
+                let reached = L::select(mask, new_w, w);
+                reached.store(weights.as_mut_ptr());
+                reached.min(most).store(clamped.as_mut_ptr());
+                shrink(tile, &weights, &clamped);
+            }
+            square(tile, mask, [certainty.mul(weight), sum.mul(weight)], [r, w, new_w]);
+        }
         if above != 0 {
             // most·(r + s·f) / (w + c·f), computed as a step from r. Scaling the sum down would
             // add another rounding with every slice, and a constant would drift (measured:
@@ -168,44 +178,23 @@ unsafe fn add<L: Lanes>(
 /// before it are negligible, and the quotient would not be exact.
 const LEAST_PRODUCT: f32 = 1e-20;
 
-/// Adds to the sums of squares, before the sample is added to the sums.
+/// Adds to the sums of squares of a tile.
 ///
 /// b and v are the sample's weight and value, r and w the sums before it. The square about the mean
 /// grows by b·w/(w + b)·(v − r/w)² (West 1979). Nothing large cancels, for any grey levels.
 ///
 /// # Safety
-/// Same as for [`add`].
+/// The instruction set of `L` must be available.
 #[inline(always)]
-pub(crate) unsafe fn square<L: Lanes>(
-    data: &mut BrickData<'_>,
-    at: usize,
-    mask: L::Mask,
-    sample: &Sample<L>,
-    most: f32,
-) {
-    let Some(squares) = &mut data.squares else { return };
-    // SAFETY: as for this function; the sums have the brick's shape.
+unsafe fn square<L: Lanes>(tile: &mut [f32; 4], mask: L::Mask, [weight, weighted]: [L; 2], [r, w, new_w]: [L; 3]) {
+    // SAFETY: as for this function.
     unsafe {
-        let (zero, most) = (L::splat(0.0), L::splat(most));
-        let r = L::load(data.brick.r.as_ptr().add(at));
-        let w = L::load(data.brick.w.as_ptr().add(at));
-        let weight = sample.certainty.mul(sample.weight);
-        let new_w = sample.certainty.mul_add(sample.weight, w);
+        let zero = L::splat(0.0);
         // b·w·(v − r/w).
-        let step = sample.sum().mul(sample.weight).mul(w).sub(r.mul(weight));
+        let step = weighted.mul(w).sub(r.mul(weight));
         let product = weight.mul(w).mul(new_w);
         let gain = step.mul(step.div(product));
         let gain = L::select(product.le(L::splat(LEAST_PRODUCT)), zero, gain);
-        let tile = &mut squares.tiles[at / LANES];
-        let above = L::bits(mask) & !L::bits(new_w.le(most));
-        if above != 0 {
-            // All weights of a voxel shrink as their sum is clamped.
-            let (mut weights, mut clamped) = ([0.0; LANES], [0.0; LANES]);
-            let reached = L::select(mask, new_w, w);
-            reached.store(weights.as_mut_ptr());
-            reached.min(most).store(clamped.as_mut_ptr());
-            shrink(tile, &weights, &clamped);
-        }
         L::add_halves(L::select(mask, weight.mul(weight), zero), L::select(mask, gain, zero), tile.as_mut_ptr());
     }
 }
@@ -301,6 +290,6 @@ unsafe fn fade<L: Lanes>(
         L::select(mask, shrunk(r.mul(factor)), r).store(data.brick.r.as_mut_ptr().add(at));
         L::select(mask, w.mul(factor), w).store(data.brick.w.as_mut_ptr().add(at));
         L::replace_halves_where(mask, ages, data.change.now);
-        add(data.brick, at, mask, [weight, sample.sum(), sample.certainty], most, task);
+        add::<L, false>(data, at, mask, [weight, sample.sum(), sample.certainty], most, task);
     }
 }

@@ -12,7 +12,7 @@ use volume::brick::{TILE, VOXELS, voxel_at};
 
 use super::compounding::Entry;
 use super::decay::{LEAST_TOUCH, rebase, shift};
-use super::entry::{BrickData, Sample, enter, mean, square};
+use super::entry::{BrickData, Sample, enter, mean};
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
 use super::slab::{LEAST_CERTAINTY, Overlap};
 use super::task::{FilteredSlice, Task};
@@ -286,11 +286,8 @@ unsafe fn insert_sampled<L: Lanes, S: Sampler, const ENTRY: u8>(
             let sample = Sample { weight, contrast: contrast.mul(unit), certainty, level };
             let at = vector * LANES;
             match ENTRY {
-                MEAN => mean(data, at, mask, &sample, filtered, task),
-                MEAN_AND_SQUARES => {
-                    square(data, at, mask, &sample, filtered.rule.most_weight);
-                    mean(data, at, mask, &sample, filtered, task);
-                }
+                MEAN => mean::<L, false>(data, at, mask, &sample, filtered, task),
+                MEAN_AND_SQUARES => mean::<L, true>(data, at, mask, &sample, filtered, task),
                 _ => enter(data, at, mask, &sample, filtered, task),
             }
         }

@@ -91,9 +91,11 @@ impl std::ops::AddAssign for Work {
     }
 }
 
-/// Least pixels of data for which threads that sleep are woken: some 0.3 ms of work. Waking them
-/// costs a tenth of that.
-const LEAST_WAKING: u64 = 1 << 16;
+/// Least work for which threads that sleep are woken: some 0.3 ms. Waking them costs a tenth of
+/// that. The unit is the work of a pixel of data, 1 ns on a slow processor.
+const LEAST_WAKING: u64 = 300_000;
+/// Work of a voxel that is sampled.
+const VOXEL_WORK: u64 = 5;
 
 /// Inserts slices into a sparse volume. One instance per volume, not shared between threads; it
 /// starts its own.
@@ -104,6 +106,8 @@ pub struct Reconstructor {
     plan: Plan,
     chunks: Vec<BrickChunk>,
     work: Work,
+    /// Voxels that the last slice sampled. The next one mostly meets about as many.
+    sampled: u64,
     last: Option<Entered>,
     normals: Normals,
 }
@@ -130,7 +134,7 @@ impl Reconstructor {
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         let (stream, plan, chunks) = (Stream::new(settings, mask), Plan::default(), Vec::new());
         let (work, last, normals) = (Work::default(), None, Normals::NONE);
-        Ok(Self { stream, team, volume, plan, chunks, work, last, normals })
+        Ok(Self { stream, team, volume, plan, chunks, work, sampled: 0, last, normals })
     }
 
     /// Returns a copy that continues by itself; neither changes with the other. They share threads.
@@ -140,8 +144,8 @@ impl Reconstructor {
     pub fn copy(&self) -> std::io::Result<Self> {
         let (team, volume) = (self.team.clone(), self.volume.copy()?);
         let (stream, plan, chunks) = (self.stream.clone(), Plan::default(), Vec::new());
-        let Self { work, last, normals, .. } = *self;
-        Ok(Self { stream, team, volume, plan, chunks, work, last, normals })
+        let Self { work, sampled, last, normals, .. } = *self;
+        Ok(Self { stream, team, volume, plan, chunks, work, sampled, last, normals })
     }
 
     /// Like [`Self::new`], but continues a volume that another path began on the same lattice,
@@ -242,11 +246,9 @@ impl Reconstructor {
     }
 
     /// Returns how a slice is shared with a team.
-    fn sharing<'t>(&self, team: Option<&'t Team>) -> Sharing<'t> {
-        match self.stream.mask.area() < LEAST_WAKING {
-            true => Sharing::with_awake(team),
-            false => Sharing::of(team),
-        }
+    pub(super) fn sharing<'t>(&self, team: Option<&'t Team>) -> Sharing<'t> {
+        let work = self.stream.mask.area() + VOXEL_WORK * self.sampled;
+        if work < LEAST_WAKING { Sharing::with_awake(team) } else { Sharing::of(team) }
     }
 
     fn insert_with(&mut self, slice: &Slice, weight: f32, sharing: Sharing) -> Result<Touched, Refused> {
@@ -339,7 +341,8 @@ impl Reconstructor {
         self.work.filter.taps += filter.work.taps;
         self.work.bricks_considered += self.plan.considered;
         self.work.bricks_touched += touched.bricks.len() as u64;
-        self.work.voxels_sampled += sum(|t| t.vectors) * simd::LANES as u64;
+        self.sampled = sum(|t| t.vectors) * simd::LANES as u64;
+        self.work.voxels_sampled += self.sampled;
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
         self.work.without_shadows += u64::from(matches!(pixel_weights, Some(None)));

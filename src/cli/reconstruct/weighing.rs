@@ -20,8 +20,8 @@ pub(in crate::cli) struct Weighing {
     method: MethodName,
     /// Kernel σ along u, v and the slice's normal, mm; or auto: σ across the plane from the gaps
     /// between slices; or leave-one-out: the σ that predicts slices best from all others, which
-    /// takes ten times as long [default: 0.75 × the larger of spacing and pixel in the plane, 1.0
-    /// across]
+    /// takes four to twelve times as long [default: 0.75 × the larger of spacing and pixel in the
+    /// plane, 1.0 across]
     #[arg(long, value_name = "SU,SV,SN|auto|leave-one-out", value_parser = values::sigma, conflicts_with = "resolution")]
     sigma: Option<SigmaChoice>,
     /// Kernel size as half widths at half maximum of a Gaussian, mm
