@@ -53,8 +53,13 @@ impl Times {
     /// Returns how many times slower this is than `other`: quartiles over rounds of the ratio of
     /// the two runs' medians.
     pub(crate) fn over(&self, other: &Self) -> [f64; 3] {
-        let ratios: Vec<f64> =
-            self.runs.iter().zip(&other.runs).map(|(a, b)| quantile(a, 0.5) / quantile(b, 0.5)).collect();
+        self.over_at(0.5, other)
+    }
+
+    /// The same of another quantile than the median.
+    pub(crate) fn over_at(&self, q: f64, other: &Self) -> [f64; 3] {
+        let runs = self.runs.iter().zip(&other.runs);
+        let ratios: Vec<f64> = runs.map(|(a, b)| quantile(a, q) / quantile(b, q)).collect();
         [0.25, 0.5, 0.75].map(|q| quantile(&ratios, q))
     }
 }

@@ -18,6 +18,7 @@
 //! - [`drift`]: slow drift, corrected by crossing sweeps.
 //! - [`breathing`]: gates by breathing, and gates of bodies at rest.
 //! - [`recordings`]: errors by the kernel, on recordings.
+//! - [`times`]: times of insertion with methods on.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
@@ -37,6 +38,10 @@ mod report;
 mod shadows;
 mod smoothing;
 mod sweep;
+mod times;
+#[path = "../../../../benches/reconstruct/timing.rs"]
+#[allow(dead_code, reason = "shared with the bench, which times more than this does")]
+mod timing;
 mod tracker;
 
 use std::error::Error;
@@ -85,6 +90,7 @@ fn run(sweeps: u64, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error
     drift::compare(sweeps, &mut report, &mut figures)?;
     breathing::compare(sweeps, &mut report, &mut figures)?;
     recordings::compare(project, !quick, &mut report, &mut figures, folder)?;
+    times::compare(&painted[0], quick, &mut report, &mut figures)?;
     let run = json!({ "quick": quick, "figures": Value::Object(figures) });
     fs::write(folder.join("figures.json"), serde_json::to_string_pretty(&run)? + "\n")?;
     report.finish("Errors with corrections on and off", "", folder)
