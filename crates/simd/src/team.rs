@@ -11,12 +11,16 @@
 
 #![allow(unsafe_code, reason = "threads that outlive a section run a job that borrows from it")]
 
+mod affinity;
+
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use affinity::Affinity;
 
 /// Time for which a thread that waits stays awake.
 const AWAKE: Duration = Duration::from_micros(200);
@@ -56,6 +60,7 @@ impl Team {
 
     /// Wakes members that sleep: a section will be opened soon.
     pub fn wake(&self) {
+        self.shared.affinity.leave_out_callers();
         self.shared.tell(&mut self.shared.lock(), &[MEMBERS]);
     }
 
@@ -106,6 +111,7 @@ struct Shared {
     changes: AtomicU64,
     /// Tell threads that sleep of a change.
     change: [Condvar; 2],
+    affinity: Affinity,
 }
 
 #[derive(Debug, Default)]
@@ -154,6 +160,7 @@ impl Shared {
     }
 
     fn open_section(&self, wakes: bool, job: &'static (dyn Fn() + Sync)) -> u64 {
+        self.affinity.leave_out_callers();
         let mut state = self.lock();
         let number = state.next;
         state.next += 1;
@@ -177,6 +184,7 @@ impl Shared {
 
     /// The life of a member.
     fn serve(&self) {
+        self.affinity.join();
         let mut state = self.lock();
         while !state.has_ended {
             state = self.help_or_wait(state, MEMBERS);
