@@ -6,7 +6,8 @@
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
-import { close, measured, open, quit, steers } from "./page.js";
+import { Apart } from "./apart.js";
+import { close, open, quit } from "./page.js";
 import { OUT } from "./place.js";
 import { Session } from "./session.js";
 
@@ -38,16 +39,17 @@ const folder = mkdtempSync(join(OUT, "session-"));
 const session = await Session.painted(folder, "512x512");
 const { address, pid } = session;
 try {
-  const first = await open(address);
-  await steers(first.page, true);
-  await first.page.waitForFunction(() => window.sonoweave.account?.slices > 60, null, { timeout: 120_000 });
+  const browser = await Apart.open(address);
+  while ((await account(address)).slices < 60) await rest(0.1);
   const before = await account(address);
-  const drawn = async () => (await measured(first.page)).pictures;
-  const [from, began] = [await drawn(), Date.now()];
+  const drawn = () => browser.evaluate(() => ({ ...window.sonoweave.pictures, at: Date.now() }));
+  const from = await drawn();
   await rest(SECONDS);
-  const [until, seconds] = [await drawn(), (Date.now() - began) / 1000];
-  const { latencies } = await measured(first.page);
+  const until = await drawn();
+  const seconds = (until.at - from.at) / 1000;
+  const latencies = await browser.evaluate(() => window.sonoweave.latencies);
   const after = await account(address);
+  await browser.close();
   const lost = (told) => told.lost + told.dropped;
   for (const name of ["slice", "view"]) {
     const { width, height } = until[name];
@@ -59,11 +61,11 @@ try {
   console.log(`meanwhile ${after.frames - before.frames} frames, ${lost(after) - lost(before)} lost or dropped`);
 
   await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"stop"}' });
-  await first.page.waitForFunction(() => window.sonoweave.account?.desk.phase === "over", null, { timeout: 60_000 });
-  const others = [await open(address), await open(address)];
+  while ((await account(address)).desk.phase !== "over") await rest(0.1);
+  const pages = [await open(address), await open(address), await open(address)];
   await rest(5);
   const three = await busy(pid, SECONDS);
-  for (const page of [first, ...others]) await close(page);
+  for (const page of pages) await close(page);
   await rest(5);
   const none = await busy(pid, SECONDS);
   figures["three pages/CPU, % of a core"] = three;

@@ -17,7 +17,7 @@ use measure::Edge;
 use pipeline::session::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
-use render::{RenderSettings, Renderer};
+use render::{OpaquePixels, RenderSettings, Renderer};
 use sonoweave_core::slice::{Image, Pixels};
 
 use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
@@ -116,11 +116,14 @@ impl FrameBroadcaster {
         if !self.is_watched() {
             return;
         }
-        let picture = drawn.renderer.picture();
-        let pixels = Pixmap::Colour(picture.over(background).into());
-        let Drawn { item, captured_ns, refining, .. } = *drawn;
-        let words = serde_json::json!({ "sight": { "projection": drawn.renderer.camera().projection() } });
-        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| Some(words));
+        let Drawn { ref renderer, item, captured_ns, refining, .. } = *drawn;
+        let pixels = match renderer.opaque_pixels(background) {
+            OpaquePixels::Grey(pixels) => Pixmap::Grey(pixels.into()),
+            OpaquePixels::Colour(pixels) => Pixmap::Colour(pixels.into()),
+        };
+        let (camera, frame) = (renderer.camera(), (item, captured_ns.map(unix_ms)));
+        let words = serde_json::json!({ "sight": { "projection": camera.projection() } });
+        self.show(Kind::View, camera.size(), pixels, frame, refining, |_| Some(words));
     }
 
     /// Answers waiting picks from the displayed picture; `None` if the volume is empty.

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use simd::Simd;
 use simd::sharing::Sharing;
+use simd::{Fused, Simd};
 
 use super::camera::Camera;
 use super::classify::shade::Shader;
@@ -47,6 +47,24 @@ pub(super) struct Layers<const C: usize> {
     pub(super) sparse: Option<Sparse<C>>,
     /// Remaining work for a new view.
     pub(super) refinement: Option<Refinement<C>>,
+}
+
+/// Job that converts a row of pixels to bytes.
+struct Converting<'a, const C: usize, F> {
+    pixels: &'a [Accumulated<C>],
+    bytes: &'a mut [u8],
+    of: F,
+}
+
+impl<const C: usize, const N: usize, F: Fn(&Accumulated<C>) -> [u8; N]> Fused for Converting<'_, C, &F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (bytes, pixel) in self.bytes.as_chunks_mut().0.iter_mut().zip(self.pixels) {
+            *bytes = (self.of)(pixel);
+        }
+    }
 }
 
 impl Image {
@@ -110,6 +128,25 @@ impl<const C: usize> Layers<C> {
             return sparse.regions.seen.iter().map(of).collect();
         }
         (0..self.rows.len()).flat_map(|j| self.row(j)).map(of).collect()
+    }
+
+    /// Converts the picture to bytes, `N` a pixel, row by row.
+    pub(super) fn bytes_of<const N: usize>(
+        &self,
+        width: u32,
+        (simd, sharing): (Simd, Sharing),
+        of: impl Fn(&Accumulated<C>) -> [u8; N] + Sync,
+    ) -> Vec<u8> {
+        let width = width as usize;
+        let mut bytes = vec![0; self.rows.len() * width * N];
+        sharing.chunks(&mut bytes, width * N, |j, bytes| {
+            let pixels = match &self.sparse {
+                Some(sparse) => &sparse.regions.seen[j * width..][..width],
+                None => self.row(j),
+            };
+            simd.fused(Converting { pixels, bytes, of: &of });
+        });
+        bytes
     }
 
     /// Returns a row of the picture, if there is one ray a pixel.

@@ -54,7 +54,7 @@ pub use error::RenderError;
 pub use mode::{Mode, Shading};
 pub use partition::{Compositor, Part, Plan};
 pub use pick::Picked;
-pub use picture::Picture;
+pub use picture::{OpaquePixels, Picture};
 pub use region::RenderRegion;
 pub use renderer::{Progress, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};

@@ -19,8 +19,8 @@ use super::layers::{Channels, Image, Layers, channels};
 use super::mode::{Mode, VoxelData};
 use super::partition::choice;
 use super::partition::shared::Parts;
-use super::picture::Picture;
-use super::rays::composite::Fold;
+use super::picture::{OpaquePixels, Picture, bytes_over};
+use super::rays::composite::{CompositeMode, Fold};
 use super::rays::marks::Marks;
 use super::refine::{CacheChoice, Context, Sparse};
 use super::region::RenderRegion;
@@ -228,7 +228,7 @@ impl Renderer {
         }
         let (simd, sharing) = (self.settings.simd, Sharing::of(self.team.as_deref()));
         self.dirty.clear();
-        self.snapshot.dilated(&mut self.changed, &mut self.due);
+        self.snapshot.dilated(&mut self.changed, &mut self.due, sharing);
         let (snapshot, shader, dirty) = (&self.snapshot, &self.shader, &mut self.dirty);
         work += channels!(&mut self.image, layers => {
             layers.voxels.update(snapshot, &self.due, shader, (simd, sharing), dirty)
@@ -373,6 +373,29 @@ impl Renderer {
             Image::Colour(layers) => layers.pixels(|p| self.mode.pixel(p.colour, p.transmittance, &self.transfer)),
         };
         Picture { size, pixels }
+    }
+
+    /// Returns the current picture over a background of red, green, blue from 0 to 1, with the
+    /// bytes of [`Picture::over`]. It is grey if picture and background are.
+    pub fn opaque_pixels(&self, background: [f32; 3]) -> OpaquePixels {
+        let (mode, transfer) = (self.mode, &self.transfer);
+        let [red, green, blue] = background;
+        let is_grey = red == green
+            && green == blue
+            && (mode.composite_mode(transfer) == CompositeMode::Over || transfer.is_grey());
+        let (width, work) = (self.camera.size()[0], (self.settings.simd, Sharing::of(self.team.as_deref())));
+        match &self.image {
+            Image::Grey(layers) if is_grey => OpaquePixels::Grey(layers.bytes_of(width, work, |p| {
+                [bytes_over(mode.pixel([p.colour[0]; 3], p.transmittance, transfer), background)[0]]
+            })),
+            Image::Grey(layers) => OpaquePixels::Colour(layers.bytes_of(width, work, |p| {
+                bytes_over(mode.pixel([p.colour[0]; 3], p.transmittance, transfer), background)
+            })),
+            Image::Colour(layers) => OpaquePixels::Colour(
+                layers
+                    .bytes_of(width, work, |p| bytes_over(mode.pixel(p.colour, p.transmittance, transfer), background)),
+            ),
+        }
     }
 
     /// Returns the render mode.

@@ -13,6 +13,8 @@ use super::stock::Stock;
 
 /// Bricks that one thread task reads.
 const BRICKS_PER_TASK: usize = 8;
+/// Bricks that one thread task dilates.
+const DILATED_PER_TASK: usize = 64;
 /// No brick.
 pub(super) const ABSENT: u32 = u32::MAX;
 
@@ -174,10 +176,10 @@ pub(super) struct VoxelSnapshot {
     /// Index in the table of each slot.
     indices: Vec<u32>,
     stock: Stock<Brick>,
-    /// Scratch of [`Self::dilated`]: the number of each slot's brick among the changed ones, and
-    /// the places of the bricks that these reach.
+    /// Scratch of [`Self::dilated`]: the number of each slot's brick among the changed ones, and a
+    /// bit for each place of the table that these reach.
     numbers: Vec<u32>,
-    reached: Vec<u32>,
+    reached: Vec<u64>,
 }
 
 /// A brick with changed voxels, by its place in the region.
@@ -268,10 +270,11 @@ impl VoxelSnapshot {
     /// Writes the voxels whose gradient or value can have changed: the changed ones and their six
     /// neighbours, in bricks that hold anything. Each brick appears once, in the order of the
     /// table. One that appears in `changed` several times leaves all of its voxels with the first.
-    pub(super) fn dilated(&mut self, changed: &mut [Changed], dilated: &mut Vec<Changed>) {
+    pub(super) fn dilated(&mut self, changed: &mut [Changed], dilated: &mut Vec<Changed>, sharing: Sharing) {
         let Self { table, bricks, numbers, reached, .. } = self;
         numbers.resize(bricks.len(), UNCHANGED);
         reached.clear();
+        reached.resize(table.slots().len().div_ceil(64), 0);
         for number in 0..changed.len() {
             let at = changed[number].at;
             let Some(slot) = table.get(at) else { continue };
@@ -283,24 +286,32 @@ impl VoxelSnapshot {
             numbers[slot] = number as u32;
             let around = FACES.iter().map(|face| beside(at, *face)).chain([at]);
             let held = around.filter_map(|at| table.index(at)).filter(|index| table.slots()[*index] != ABSENT);
-            reached.extend(held.map(|index| index as u32));
+            held.for_each(|index| reached[index / 64] |= 1 << (index % 64));
         }
-        reached.sort_unstable();
-        reached.dedup();
         dilated.clear();
-        for index in reached.iter() {
-            let at = table.place(*index as usize);
-            let changed_at = |at: [i64; 3]| changed.get(numbers[table.get(at)?] as usize);
-            let mut voxels = changed_at(at).map_or([0; EDGE], |changed| within(&changed.voxels));
-            for (axis, side) in FACES {
-                if let Some(changed) = changed_at(beside(at, (axis, -side))) {
-                    join(&mut voxels, across(&changed.voxels, axis, side));
+        for (word, bits) in reached.iter().enumerate() {
+            let mut left = *bits;
+            while left != 0 {
+                let at = table.place(64 * word + left.trailing_zeros() as usize);
+                dilated.push(Changed { at, voxels: [0; EDGE] });
+                left &= left - 1;
+            }
+        }
+        let (table, numbers, changed) = (&*table, &mut *numbers, &*changed);
+        let changed_at = |numbers: &[u32], at: [i64; 3]| changed.get(numbers[table.get(at)?] as usize);
+        sharing.chunks(dilated, DILATED_PER_TASK, |_, dilated| {
+            for Changed { at, voxels } in dilated {
+                if let Some(changed) = changed_at(numbers, *at) {
+                    *voxels = within(&changed.voxels);
+                }
+                for (axis, side) in FACES {
+                    if let Some(changed) = changed_at(numbers, beside(*at, (axis, -side))) {
+                        join(voxels, across(&changed.voxels, axis, side));
+                    }
                 }
             }
-            if voxels != [0; EDGE] {
-                dilated.push(Changed { at, voxels });
-            }
-        }
+        });
+        dilated.retain(|dilated| dilated.voxels != [0; EDGE]);
         changed.iter().filter_map(|changed| table.get(changed.at)).for_each(|slot| numbers[slot] = UNCHANGED);
     }
 
@@ -379,9 +390,20 @@ fn difference(a: &Brick, b: &Brick) -> Bits {
         let weight = a.weight[i].to_bits() ^ b.weight[i].to_bits();
         *differs = u8::from(value | weight != 0);
     }
-    std::array::from_fn(|z| {
-        differs[z * 64..][..64].iter().enumerate().fold(0, |layer, (i, differs)| layer | u64::from(*differs) << i)
-    })
+    let mut bits = [0; EDGE];
+    let (lines, _) = differs.as_chunks::<EDGE>();
+    for (layer, lines) in bits.iter_mut().zip(lines.as_chunks::<EDGE>().0) {
+        *layer = u64::from_le_bytes(lines.map(bits_of));
+    }
+    bits
+}
+
+/// Returns eight bytes of 0 or 1 as the bits of one.
+#[inline(always)]
+fn bits_of(bytes: [u8; 8]) -> u8 {
+    // Byte k adds its bit to bit 56 + k of the product, as the factor has a bit at 7·(8 − k) for
+    // each k. No two terms of the product meet, so that nothing is carried.
+    (u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
 }
 
 /// Returns the given voxels and their neighbours, inside the brick.
@@ -422,6 +444,24 @@ mod tests {
             }
         }
         bits
+    }
+
+    #[test]
+    fn changed_voxels_are_those_with_other_bits() {
+        let old = Brick::default();
+        for place in 0..VOXELS {
+            let mut new = old.clone();
+            new.value[place] = -0.0;
+            new.weight[VOXELS - 1 - place] = 1e-40;
+            let mut expected = [0; EDGE];
+            for place in [place, VOXELS - 1 - place] {
+                expected[place / 64] |= 1 << (place % 64);
+            }
+            assert_eq!(difference(&old, &new), expected, "{place}");
+        }
+        for byte in 0..=255_u8 {
+            assert_eq!(bits_of(std::array::from_fn(|k| byte >> k & 1)), byte);
+        }
     }
 
     #[test]

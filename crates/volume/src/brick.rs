@@ -124,6 +124,16 @@ pub const fn offset(x: usize, y: usize, z: usize) -> usize {
     tile * (tx * ty * tz) + (z % tz * ty + y % ty) * tx + x % tx
 }
 
+/// Copies the voxels of a brick in its order to x fastest, then y, then z.
+#[inline]
+pub(crate) fn in_lines(brick: &[f32; VOXELS], lines: &mut [f32; VOXELS]) {
+    const RUN: usize = TILE[0];
+    for (number, run) in brick.as_chunks::<RUN>().0.iter().enumerate() {
+        let [x, y, z] = voxel_at(number * RUN);
+        lines[(z * EDGE + y) * EDGE + x..][..RUN].copy_from_slice(run);
+    }
+}
+
 /// Returns the voxel at an index in its brick: the inverse of [`offset`].
 #[inline]
 pub const fn voxel_at(place: usize) -> [usize; 3] {

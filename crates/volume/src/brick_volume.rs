@@ -10,7 +10,7 @@ use std::io;
 use rustc_hash::FxHashMap;
 
 use super::arena::Arena;
-use super::brick::{Ages, Brick, BrickIndex, EDGE, Squares, Stamps, VOXELS, offset, voxel_at};
+use super::brick::{Ages, Brick, BrickIndex, EDGE, Squares, Stamps, VOXELS, in_lines, offset, voxel_at};
 use super::memory::{Epoch, Memory, remaining};
 pub use super::read::SEEN;
 use super::read::Voxels;
@@ -331,10 +331,14 @@ impl Voxels for BrickVolume {
             w.fill(0.0);
             return;
         };
-        let (brick, reading) = (self.brick(slot), self.reading(slot));
-        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
-            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
-            (*r, *w) = reading(brick.r[place], brick.w[place]);
+        let brick = self.brick(slot);
+        in_lines(&brick.r, r);
+        in_lines(&brick.w, w);
+        if matches!(self.memory, Memory::Epochs { .. }) {
+            let reading = self.reading(slot);
+            for (r, w) in r.iter_mut().zip(w) {
+                (*r, *w) = reading(*r, *w);
+            }
         }
     }
 

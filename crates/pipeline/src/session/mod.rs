@@ -29,7 +29,7 @@
 //!   where the tracker's field is distorted.
 //! - `insertion_thread`, `shared_volume`, `changes`: insertion of slices, the lock on the volume,
 //!   and the changes pending for its readers.
-//! - `render_thread`, `reach`: the picture, and the box that it shows.
+//! - `render_thread`, `pacing`, `reach`: the picture, its highest rate, and the box that it shows.
 //! - `plane_viewer`, `brick_subset`: planes, and the copied bricks that they sample.
 //! - `plane_errors`: their standard errors.
 //! - `reader`: export of the volume while it grows.
@@ -58,6 +58,7 @@ mod growing;
 mod insertion_thread;
 mod losses;
 mod memory;
+mod pacing;
 mod page_faults;
 mod paired;
 mod pairing_thread;

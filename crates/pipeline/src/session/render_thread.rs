@@ -20,6 +20,7 @@ use volume::brick::BrickIndex;
 use volume::lattice::Shifted;
 use volume::read::Values as _;
 
+use super::pacing::Pacing;
 use super::priority::Background;
 use super::reach::Reach;
 use super::shared_volume::{FirstSlice, PendingChanges, Shared, SharedVolume};
@@ -28,11 +29,11 @@ use crate::trace::STAGE;
 
 /// Longest wait before the thread checks whether it is to end.
 const TURN: Duration = Duration::from_millis(100);
-/// Bricks that are read while insertion waits: about 1 ms.
+/// Bricks that are read while insertion waits: some 0.4 ms.
 const PART: usize = 256;
 /// Number of such parts that are read one by one; then the remainder is read at once.
 const MOST_PARTS: u32 = 2048;
-/// Pause between two parts, during which insertion can continue.
+/// Pause between two parts, in which a thread that waits for the volume gets it.
 const PAUSE: Duration = Duration::from_micros(100);
 /// Time for which a view is refined before slices and other views are handled.
 const REFINED: Duration = Duration::from_millis(15);
@@ -344,7 +345,7 @@ pub(super) fn run(
     let (mut seen, mut known) = (0, 0);
     // Those of the latter that were inserted before the last clearing.
     let mut cleared = 0;
-    let mut due = Instant::now();
+    let mut pacing = Pacing::new(Instant::now());
     loop {
         let client = shared_client.client();
         let is_watched = client.is_watched();
@@ -400,7 +401,7 @@ pub(super) fn run(
         if certain && !volume.awaited && !volume.ended {
             continue;
         }
-        let early = due.saturating_duration_since(Instant::now());
+        let early = pacing.wait(Instant::now());
         if !volume.ended && !volume.awaited && !early.is_zero() {
             drop(volume);
             if !rendering.is_unread {
@@ -454,7 +455,7 @@ pub(super) fn run(
             drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
         }
         seen = inserted;
-        due = began + Duration::from_secs_f64(1.0 / shared_client.client().most_hz().max(LEAST_HZ));
+        pacing.began(began, Duration::from_secs_f64(client.most_hz().max(LEAST_HZ).recip()));
         // Slices do not delay a viewer who turns the view meanwhile, nor does the viewer delay
         // slices.
         background.run(|| {
@@ -506,7 +507,9 @@ fn catch_up<'a>(
         }
         drop(volume);
         // Threads that wait for the volume get it before it is locked again.
-        std::thread::sleep(PAUSE);
+        if shared.is_wanted() {
+            std::thread::sleep(PAUSE);
+        }
         volume = shared.lock();
     }
     volume

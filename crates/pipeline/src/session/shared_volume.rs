@@ -1,6 +1,7 @@
 //! The volume, shared by insertion and rendering. Under one lock, the inserter inserts slices,
 //! and the render thread reads the changes.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -147,6 +148,8 @@ pub(super) struct SharedVolume {
 /// Shared [`SharedVolume`].
 pub(super) struct Shared {
     shared: Mutex<SharedVolume>,
+    /// Threads that wait for the lock.
+    waiting: AtomicU32,
     changed: Condvar,
 }
 
@@ -160,6 +163,7 @@ impl Shared {
                 awaited: false,
                 picture_ended: false,
             }),
+            waiting: AtomicU32::new(0),
             changed: Condvar::new(),
         }
     }
@@ -167,7 +171,15 @@ impl Shared {
     /// Locks it. If a thread panicked while holding the lock, the volume is complete up to its
     /// last slice.
     pub(super) fn lock(&self) -> MutexGuard<'_, SharedVolume> {
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        let volume = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        volume
+    }
+
+    /// Returns whether another thread waits for the lock.
+    pub(super) fn is_wanted(&self) -> bool {
+        self.waiting.load(Ordering::Relaxed) > 0
     }
 
     /// Wakes the threads that wait for changes.

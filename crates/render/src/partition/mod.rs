@@ -249,7 +249,7 @@ impl Part {
             return work;
         }
         let (mut dirty, mut due) = (Vec::new(), Vec::new());
-        self.snapshot.dilated(&mut self.changed, &mut due);
+        self.snapshot.dilated(&mut self.changed, &mut due, sharing);
         let (snapshot, shader, simd) = (&self.snapshot, &self.shader, self.simd);
         work.voxels_shaded = channels!(&mut self.image, layers => {
             layers.voxels.update(snapshot, &due, shader, (simd, sharing), &mut dirty).voxels_shaded

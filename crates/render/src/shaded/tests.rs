@@ -174,7 +174,7 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
             let before = Vec::from_iter(shaded.places());
             snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), simd, Sharing::Alone, &mut changed);
             let mut voxels = Vec::new();
-            snapshot.dilated(&mut changed, &mut voxels);
+            snapshot.dilated(&mut changed, &mut voxels, Sharing::Alone);
             let threads = (simd, Sharing::Alone);
             let work = shaded.update(&snapshot, &voxels, &shader, threads, &mut dirty, &mut appeared);
             let lit = work.voxels_shaded as usize;

@@ -66,7 +66,7 @@ fn kept(
     let (simd, alone) = (Simd::detect(), Sharing::Alone);
     snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), simd, alone, &mut changed);
     let mut voxels = Vec::new();
-    snapshot.dilated(&mut changed, &mut voxels);
+    snapshot.dilated(&mut changed, &mut voxels, Sharing::Alone);
     shaded.update(&snapshot, &voxels, &shader, (simd, alone), &mut dirty, &mut Vec::new());
     (shaded, shader, camera)
 }

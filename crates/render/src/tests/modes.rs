@@ -28,6 +28,40 @@ fn drawn(
 }
 
 #[test]
+fn opaque_pixels_are_those_of_the_picture_and_grey_where_it_is() {
+    let volume =
+        Field { low: [0; 3], high: [30; 3], value: |at: [i64; 3]| (at[0] > 4).then(|| (at[1] * 8 + at[2] % 3) as f32) };
+    let region = RenderRegion::new(half_mm(), volume.low, volume.high).unwrap();
+    let modes = [Mode::default(), SAMPLED, Mode::Maximum, Mode::Average, Mode::Isosurface(100.0)];
+    for (mode, transfer) in modes.into_iter().flat_map(|mode| [tissue(), coloured()].map(|transfer| (mode, transfer))) {
+        for (adaptive, threads) in [(0.0, 1), (0.0, 3), (0.02, 2)] {
+            // Only voxels that are classified have adaptive rays.
+            let adaptive = if mode == Mode::default() { adaptive } else { 0.0 };
+            let settings =
+                RenderSettings { mode, adaptive, threads, ..RenderSettings::new([41, 37], transfer.clone()) };
+            let mut renderer = Renderer::new(&settings, region).unwrap();
+            renderer.update_all(&volume);
+            let picture = renderer.picture();
+            for background in [[0.0; 3], [0.3; 3], [0.1, 0.5, 0.9]] {
+                let expected = picture.over(background);
+                assert!(expected.iter().any(|value| *value > 40), "{mode:?}");
+                let is_grey = background[0] == background[2] && transfer.is_grey();
+                match renderer.opaque_pixels(background) {
+                    OpaquePixels::Grey(values) => {
+                        assert!(is_grey, "{mode:?} over {background:?}");
+                        assert!(values.iter().flat_map(|value| [*value; 3]).eq(expected), "{mode:?}");
+                    }
+                    OpaquePixels::Colour(values) => {
+                        assert!(!is_grey || background[0] != background[2], "{mode:?} over {background:?}");
+                        assert!(values == expected, "{mode:?} over {background:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn ball_maximum_is_nearest_to_its_middle() {
     let off = |at: [i64; 3]| at.iter().map(|x| (*x as f64 - 20.0).powi(2)).sum::<f64>();
     let volume = Field {
