@@ -31,12 +31,12 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     let (view_settings, region) = (&ready.view_settings, ready.region);
     let mut ways = Vec::new();
     for (cache, threads) in [
+        (Cache::OneLevel, 2),
         (Cache::TwoLevel, 2),
         (Cache::Linear, 2),
-        (Cache::OneLevel, 2),
         (Cache::None, 2),
-        (Cache::TwoLevel, 1),
         (Cache::OneLevel, 1),
+        (Cache::TwoLevel, 1),
     ] {
         let settings = RenderSettings { cache, threads, ..view_settings.clone() };
         ways.push(Way {

@@ -76,9 +76,9 @@ enum CacheName {
     /// Every sample: only changed samples are interpolated again
     Linear,
     /// Every sample and every block's composite: only changed blocks are composited again
-    #[default]
     TwoLevel,
     /// Every block's composite: a changed block's samples are interpolated again
+    #[default]
     OneLevel,
 }
 

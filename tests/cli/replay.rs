@@ -127,7 +127,7 @@ fn intermediate_pictures_and_statistics_are_written() {
     assert!(
         said.contains("p.png: 64×48 pixels")
             && said.contains("ms from slice to picture")
-            && said.contains("two-level cache"),
+            && said.contains("one-level cache"),
         "{said}"
     );
     let mut way: Vec<_> = std::fs::read_dir(place.path("way")).unwrap().map(|e| e.unwrap().file_name()).collect();
@@ -140,7 +140,7 @@ fn intermediate_pictures_and_statistics_are_written() {
     }
     assert!(s["slice_to_picture_ms"]["total"].as_f64() > s["insert_ms"]["total"].as_f64());
     let picture = &s["picture"];
-    assert_eq!((&picture["cache"], &picture["arity"]), (&"two-level".into(), &4.into()));
+    assert_eq!((&picture["cache"], &picture["arity"]), (&"one-level".into(), &4.into()));
     assert!(picture["cache_bytes"].as_u64().unwrap() > 64 * 48 * 8 && picture["notes"].as_array().unwrap().is_empty());
     for key in ["bricks_read", "voxels_shaded", "rays", "samples", "pixels_changed"] {
         assert!(picture["work"][key].as_u64().unwrap() > 0, "{key}");

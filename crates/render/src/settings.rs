@@ -20,9 +20,10 @@ pub enum Cache {
     /// Every sample: only changed samples are interpolated again, and all are composited.
     Linear,
     /// Every sample and every composited block: only changed blocks are composited again.
-    #[default]
     TwoLevel,
-    /// Every composited block: a changed block's samples are interpolated again.
+    /// Every composited block: a changed block's samples are interpolated again. The default:
+    /// samples that are kept take longer to get from memory than to interpolate.
+    #[default]
     OneLevel,
 }
 

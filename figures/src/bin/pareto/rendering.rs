@@ -59,7 +59,7 @@ struct Way {
 }
 
 impl Way {
-    const DEFAULT: Self = Self { cache: Cache::TwoLevel, stop: STOP, step: 1.0, arity: None, epsilon: 0.0 };
+    const DEFAULT: Self = Self { cache: Cache::OneLevel, stop: STOP, step: 1.0, arity: None, epsilon: 0.0 };
 
     fn name(&self) -> String {
         let arity = self.arity.map_or_else(|| "usual".into(), |p| p.to_string());
