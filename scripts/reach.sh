@@ -11,12 +11,16 @@ mkdir -p "$folder"
 cargo build --release --locked
 sonoweave() { cargo run --release --locked --quiet -- "$@"; }
 
-# Frames are painted beforehand, as a scanner paints its own.
+# Frames are painted beforehand, as a scanner paints its own. The probe has the same speed and path
+# at both rates: beyond the body, all pictures are equal and refused.
 for rate in 30 60; do
+    gap=$(awk "BEGIN { print 0.545 * 30 / $rate }")
     sonoweave live --example virtual |
-        sed -e '/^reference_station/d' -e "s/^rate_hz = 30/rate_hz = $rate/" -e 's/^#painted = true/painted = true/' -e "s/^frames = 300 /frames = $((rate * 10)) /" >"$folder/$rate.toml"
+        sed -e '/^reference_station/d' -e "s/^rate_hz = 30/rate_hz = $rate/" -e 's/^#painted = true/painted = true/' \
+            -e "s/^frames = 300 /frames = $((rate * 10)) /" -e "s/^gap_mm = 0.545 /gap_mm = $gap /" >"$folder/$rate.toml"
 done
 grep -c '^painted = true' "$folder/30.toml" "$folder/60.toml" >/dev/null
+grep -q '^gap_mm = 0.2725 ' "$folder/60.toml"
 sonoweave live --example virtual | sed "/^reference_station/d" >"$folder/start.toml"
 
 report() {

@@ -86,8 +86,8 @@ fn picture_rate_is_limited_and_last_shows_all_slices() {
     let (finished, _) = viewed_by(Viewer { answers: Arc::new(true.into()), unable: false, most_hz: 4.0 }).run();
     let seconds = begun.elapsed().as_secs_f64();
     let drawn = finished.drawn.as_ref().unwrap();
-    // The first and the last picture are additional, and one may come early.
-    assert!(drawn.pictures as f64 <= 4.0 * seconds + 3.0, "{} in {seconds} s", drawn.pictures);
+    // The first and the last picture are additional, and two may come early.
+    assert!(drawn.pictures as f64 <= 4.0 * seconds + 4.0, "{} in {seconds} s", drawn.pictures);
     assert!(drawn.pictures >= 2);
     assert_eq!(drawn.pictures + drawn.skipped, COUNT);
 }

@@ -407,7 +407,7 @@ pub(super) fn run(
             if !rendering.is_unread {
                 rendering.answer(client);
             }
-            shared.rest(early.min(TURN));
+            drop(shared.wait(known, false, early.min(TURN)));
             continue;
         }
         let (Some(first), Some(reach)) = (volume.pending.first, volume.pending.reach) else {
