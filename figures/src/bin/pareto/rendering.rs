@@ -81,7 +81,8 @@ impl Way {
         let default = Self::DEFAULT;
         let mut ways = vec![default];
         if !whole {
-            ways.extend(Cache::ALL[1..].iter().map(|cache| Self { cache: *cache, ..default }));
+            let others = Cache::ALL.into_iter().filter(|cache| *cache != default.cache);
+            ways.extend(others.map(|cache| Self { cache, ..default }));
             ways.extend([0.5, 2.0].map(|step| Self { step, ..default }));
             ways.extend([0.0, 1e-2].map(|stop| Self { stop, ..default }));
             ways.extend([4, 64].map(|p| Self { arity: Some(p), ..default }));
