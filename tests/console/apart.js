@@ -1,5 +1,5 @@
-// A browser that nothing watches: a debugger that is attached gets every message of the page's
-// socket, which takes a third of a core and delays pictures.
+// A browser without a debugger. One that is attached gets every message of the page's socket as
+// text, which takes processor time and delays pictures.
 
 import { spawn } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";

@@ -7,7 +7,7 @@ import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
 import { Apart } from "./apart.js";
-import { close, open, quit } from "./page.js";
+import { close, open, PATIENCE, quit } from "./page.js";
 import { OUT } from "./place.js";
 import { Session } from "./session.js";
 
@@ -26,6 +26,11 @@ const cpu = (pid) => {
 const account = async (address) => (await fetch(`${address}v1/account`)).json();
 const metric = async (address, name) => Number(new RegExp(`^${name} (\\S+)`, "m").exec(await (await fetch(`${address}metrics`)).text())?.[1]);
 const rest = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+const until = async (holds) => {
+  for (const began = Date.now(); !(await holds()); await rest(0.1)) {
+    if (Date.now() - began > PATIENCE) throw new Error(`not within ${PATIENCE} ms: ${holds}`);
+  }
+};
 const busy = async (pid, seconds) => {
   const before = cpu(pid);
   await rest(seconds);
@@ -40,28 +45,28 @@ const session = await Session.painted(folder, "512x512");
 const { address, pid } = session;
 try {
   const browser = await Apart.open(address);
-  while ((await account(address)).slices < 60) await rest(0.1);
+  await until(async () => (await account(address)).slices >= 60);
   const before = await account(address);
   const drawn = () => browser.evaluate(() => ({ ...window.sonoweave.pictures, at: Date.now() }));
   const from = await drawn();
   await rest(SECONDS);
-  const until = await drawn();
-  const seconds = (until.at - from.at) / 1000;
+  const to = await drawn();
+  const seconds = (to.at - from.at) / 1000;
   const latencies = await browser.evaluate(() => window.sonoweave.latencies);
   const after = await account(address);
   await browser.close();
   const lost = (told) => told.lost + told.dropped;
   for (const name of ["slice", "view"]) {
-    const { width, height } = until[name];
+    const { width, height } = to[name];
     figures[`${name}/delay`] = { median: share(latencies[name], 0.5), p95: share(latencies[name], 0.95), most: Math.max(...latencies[name]) };
-    figures[`${name}/pictures a second`] = (until[name].drawn - from[name].drawn) / seconds;
-    console.log(`${name} ${width} × ${height}: due until on the screen ${ms(latencies[name])}; ${((until[name].drawn - from[name].drawn) / seconds).toFixed(1)} a second`);
+    figures[`${name}/pictures a second`] = (to[name].drawn - from[name].drawn) / seconds;
+    console.log(`${name} ${width} × ${height}: due until on the screen ${ms(latencies[name])}; ${((to[name].drawn - from[name].drawn) / seconds).toFixed(1)} a second`);
   }
   figures["lost or dropped"] = lost(after) - lost(before);
   console.log(`meanwhile ${after.frames - before.frames} frames, ${lost(after) - lost(before)} lost or dropped`);
 
   await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"stop"}' });
-  while ((await account(address)).desk.phase !== "over") await rest(0.1);
+  await until(async () => (await account(address)).desk.phase === "over");
   const pages = [await open(address), await open(address), await open(address)];
   await rest(5);
   const three = await busy(pid, SECONDS);

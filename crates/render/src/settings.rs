@@ -21,8 +21,8 @@ pub enum Cache {
     Linear,
     /// Every sample and every composited block: only changed blocks are composited again.
     TwoLevel,
-    /// Every composited block: a changed block's samples are interpolated again. The default:
-    /// samples that are kept take longer to get from memory than to interpolate.
+    /// Every composited block: a changed block's samples are interpolated again. The default: to
+    /// keep samples saves no time, since they come from memory no faster than they are made.
     #[default]
     OneLevel,
 }
