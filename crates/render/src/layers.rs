@@ -118,8 +118,7 @@ impl<const C: usize> Layers<C> {
 
     pub(super) fn bytes(&self) -> u64 {
         let of_rows = self.rows.iter().map(Row::bytes).sum::<u64>();
-        let of_refinement = self.refinement.as_ref().map_or(0, Refinement::bytes);
-        of_rows + of_refinement + self.voxels.visible.bytes() + self.sparse.as_ref().map_or(0, Sparse::bytes)
+        of_rows + self.voxels.visible.bytes() + self.sparse.as_ref().map_or(0, Sparse::bytes)
     }
 
     /// Returns the picture, row by row.
@@ -151,9 +150,6 @@ impl<const C: usize> Layers<C> {
 
     /// Returns a row of the picture, if there is one ray a pixel.
     fn row(&self, j: usize) -> &[Accumulated<C>] {
-        match &self.refinement {
-            Some(refinement) if !refinement.ready[j] => refinement.coarse_row(j),
-            _ => &self.rows[j].pixels,
-        }
+        &self.rows[j].pixels
     }
 }

@@ -102,12 +102,11 @@ impl<const C: usize> Row<C> {
         row
     }
 
-    /// Sets the row up for another view, transparent. The cache memory stays until
-    /// [`Self::reset_cache`] lays it out again.
+    /// Sets the rays up for another view. The pixels and the memory of the cache stay until
+    /// [`Self::reset_cache`].
     pub(crate) fn turn(&mut self, camera: &Camera, region: &RenderRegion, (fold, simd): (Fold, Simd), j: u32) {
         simd.fused(SetUp { lines: &mut self.lines, camera, region, j });
         self.extent = Extent::of(&self.lines, fold);
-        self.pixels.fill(Accumulated::CLEAR);
         self.dirty.clear();
         self.dirty.resize(self.lines.len(), [u32::MAX, 0]);
     }
@@ -124,8 +123,9 @@ impl<const C: usize> Row<C> {
     }
 
     /// Starts to use a cache in the memory of another view's cache; none of its rays has been
-    /// cast.
+    /// cast, and all pixels are transparent.
     pub(crate) fn reset_cache(&mut self, cache: Cache, fold: Fold) {
+        self.pixels.fill(Accumulated::CLEAR);
         self.cache.lay_out(cache, &self.lines, fold);
         self.mark_all();
     }

@@ -167,13 +167,23 @@ impl<const C: usize> Layers<C> {
     /// picture; returns their number.
     fn preview(&mut self, context: Context<'_>) -> u64 {
         let Context { marks, simd, sharing, .. } = context;
-        let Self { voxels, refinement: Some(refinement), sparse, .. } = self else { return 0 };
+        let Self { voxels, rows, refinement: Some(refinement), sparse, .. } = self else { return 0 };
         let inputs = Self::preview_inputs(voxels, refinement.relight, context);
         let only = refinement.begun.then_some(marks.footprints());
         refinement.begun = true;
         let coarse_rays = refinement.preview.cast(inputs, only, simd, sharing);
-        let seen = sparse.as_mut().map_or(&mut refinement.coarse, |sparse| &mut sparse.regions.seen);
-        refinement.preview.draw(seen, sharing);
+        let (preview, ready) = (&refinement.preview, &refinement.ready);
+        match sparse {
+            Some(sparse) => {
+                let width = context.camera.size()[0] as usize;
+                sharing.chunks(&mut sparse.regions.seen, width, |j, pixels| preview.draw(j, pixels));
+            }
+            None => sharing.chunks(rows, 1, |j, rows| {
+                if !ready[j] {
+                    preview.draw(j, &mut rows[0].pixels);
+                }
+            }),
+        }
         coarse_rays
     }
 

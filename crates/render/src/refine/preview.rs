@@ -108,26 +108,24 @@ impl<const C: usize> Preview<C> {
         cast.iter().sum()
     }
 
-    /// Draws the whole picture.
-    pub(crate) fn draw(&self, seen: &mut [Accumulated<C>], sharing: Sharing) {
+    /// Draws row `j` of the picture.
+    pub(crate) fn draw(&self, j: usize, pixels: &mut [Accumulated<C>]) {
         // The cell of a pixel along an axis, and the part of it that lies before the pixel.
         let part = |at: usize, axis: usize| {
             let cell = (at / self.spacing).min(self.count[axis].saturating_sub(2));
             let [from, to] = [cell, cell + 1].map(|node| self.pixel(node, axis));
             (cell, (at - from) as f32 / (to - from).max(1) as f32)
         };
-        sharing.chunks(seen, self.size[0], |j, seen| {
-            let (row, y) = part(j, 1);
-            let [upper, lower] = [row, (row + 1).min(self.count[1] - 1)].map(|row| row * self.count[0]);
-            for (i, pixel) in seen.iter_mut().enumerate() {
-                let (column, x) = part(i, 0);
-                let right = (column + 1).min(self.count[0] - 1);
-                *pixel = bilinear(
-                    [upper + column, upper + right, lower + column, lower + right].map(|node| self.nodes[node]),
-                    [x, y],
-                );
-            }
-        });
+        let (row, y) = part(j, 1);
+        let [upper, lower] = [row, (row + 1).min(self.count[1] - 1)].map(|row| row * self.count[0]);
+        for (i, pixel) in pixels.iter_mut().enumerate() {
+            let (column, x) = part(i, 0);
+            let right = (column + 1).min(self.count[0] - 1);
+            *pixel = bilinear(
+                [upper + column, upper + right, lower + column, lower + right].map(|node| self.nodes[node]),
+                [x, y],
+            );
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::camera::Camera;
-use crate::rays::composite::{Accumulated, Fold};
+use crate::rays::composite::Fold;
 use crate::rays::rows::Row;
 use crate::rays::visible_blocks::TILE;
 use crate::refine::preview::Preview;
@@ -13,9 +13,6 @@ use simd::sharing::Sharing;
 /// Remaining work for a new view.
 pub(crate) struct Refinement<const C: usize> {
     pub(super) preview: Preview<C>,
-    /// The preview's picture, unless rays are adaptive.
-    pub(super) coarse: Vec<Accumulated<C>>,
-    width: usize,
     pub(super) begun: bool,
     /// Whether the light on voxels has changed.
     pub(crate) relight: bool,
@@ -36,15 +33,13 @@ impl<const C: usize> Refinement<C> {
     /// Creates the work for a view. `relight` are the bricks to be lit again, if the light on
     /// voxels has changed.
     pub(super) fn new(camera: &Camera, relight: Option<Vec<[i64; 3]>>, is_adaptive: bool) -> Self {
-        let [width, height] = camera.size().map(|side| side as usize);
+        let height = camera.size()[1] as usize;
         let rows = height.div_ceil(TILE);
         // From the middle outwards.
         let mut waiting = Vec::from_iter(0..rows);
         waiting.sort_by_key(|row| std::cmp::Reverse((2 * row + 1).abs_diff(rows)));
         Self {
             preview: Preview::new(camera.size()),
-            coarse: if is_adaptive { Vec::new() } else { vec![Accumulated::CLEAR; width * height] },
-            width,
             begun: false,
             relight: relight.is_some(),
             unlit: relight.unwrap_or_default(),
@@ -74,15 +69,5 @@ impl<const C: usize> Refinement<C> {
                 *ready = true;
             }
         });
-    }
-
-    /// Returns a row of the preview's picture, unless rays are adaptive.
-    pub(crate) fn coarse_row(&self, row: usize) -> &[Accumulated<C>] {
-        &self.coarse[row * self.width..][..self.width]
-    }
-
-    /// Returns the memory in use, bytes.
-    pub(crate) fn bytes(&self) -> u64 {
-        size_of_val(&*self.coarse) as u64
     }
 }
