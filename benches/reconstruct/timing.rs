@@ -6,6 +6,8 @@ use std::time::Instant;
 
 use mask::Mask;
 use reconstruct::{Reconstructor, Settings};
+use simd::sharing::Sharing;
+use simd::team::Team;
 use sonoweave_core::slice::Slice;
 
 /// Returns the quantile `q` of the samples, interpolated linearly; NaN without samples.
@@ -106,25 +108,28 @@ pub(crate) fn ours<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slic
     })
 }
 
-/// Times arithmetic in registers on all threads of a pool at once, a few milliseconds each,
-/// twenty times. It shows how much of a second core is available at the moment, for threads that
-/// sleep and wake like the reconstructor's. So many chains are independent that one thread keeps
-/// a core busy: two processors that are threads of one core gain nothing then.
+/// Times arithmetic in registers, which is shared like a slice, takes as long, and keeps a core
+/// busy. Two threads gain 2 by it. They gain nothing while their processors are threads of one
+/// core, as those of a virtual machine may be from one moment to the next.
 pub(crate) fn arithmetic<'a>(threads: usize) -> Contestant<'a> {
     Box::new(move || {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        let time = |_| {
+        let team = Team::new("arithmetic", threads)?;
+        let sharing = Sharing::of(team.as_ref());
+        let mut sums = [0.0; 64];
+        let mut time = || {
             let start = Instant::now();
-            pool.broadcast(|_| {
+            sharing.chunks(&mut sums, 1, |_, sum| {
                 let mut chains = black_box([1.0_f64; 24]);
-                for _ in 0..500_000 {
+                for _ in 0..1000 {
                     chains = chains.map(|x| x * 0.999 + 0.001);
                 }
-                black_box(chains);
+                sum[0] = chains.iter().sum();
             });
             start.elapsed().as_secs_f64() * 1e3
         };
-        Ok((0..20).map(time).collect())
+        let times = (0..40).map(|_| time()).collect();
+        black_box(sums);
+        Ok(times)
     })
 }
 
