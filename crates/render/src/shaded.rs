@@ -5,6 +5,7 @@
 //! neighbours. Each brick therefore also keeps the first voxels of the seven neighbours beyond
 //! it, 9³ in all, so that a sample finds all eight in one place.
 
+mod borders;
 mod brick;
 mod neighbours;
 mod relighting;
@@ -19,11 +20,11 @@ use volume::brick::EDGE;
 use super::classify::interval::Interval;
 use super::classify::shade::Shader;
 use super::region::RenderRegion;
-use super::snapshot::{ABSENT, Bits, BrickTable, Changed, FIRST_X, VoxelSnapshot, apart, begins_in};
+use super::snapshot::{ABSENT, Bits, BrickTable, Changed, VoxelSnapshot, apart, begins_in};
 use super::stock::Stock;
 use super::work::RenderWork;
+use brick::Border;
 pub(super) use brick::{CELLS, SIDE, ShadedBrick};
-use brick::{cell, voxels_of};
 use shading::{Outcome, Shading, Task};
 
 /// Bricks that one thread task shades.
@@ -45,6 +46,8 @@ pub(super) struct Shaded<const C: usize> {
     visible: Vec<u32>,
     interval: Interval,
     stock: Stock<ShadedBrick<C>>,
+    /// Scratch of [`Self::copy_to_those_before`].
+    borders: Vec<Border<C>>,
 }
 
 /// A brick with changed voxels.
@@ -66,7 +69,7 @@ impl<const C: usize> Shaded<C> {
         let visible = table.slots().to_vec();
         let stock = Stock::new(ShadedBrick::transparent, stocked);
         // Room for all: a table that grows is moved to fresh memory.
-        Self { bricks: Vec::with_capacity(table.slots().len()), table, visible, interval, stock }
+        Self { bricks: Vec::with_capacity(table.slots().len()), table, visible, interval, stock, borders: Vec::new() }
     }
 
     /// Returns the slots by index of all bricks in which a sample may be anything but
@@ -149,13 +152,13 @@ impl<const C: usize> Shaded<C> {
                 self.add(index, brick);
             }
         }
-        for Done { at, lit, .. } in &done {
-            if let Some(index) = self.table.index(*at)
-                && self.update_visibility(index)
-            {
-                appeared.push(*at);
+        let changed: Vec<([i64; 3], Bits)> = done.iter().map(|Done { at, lit, .. }| (*at, *lit)).collect();
+        let written = self.copy_to_those_before(&changed, sharing);
+        let own: Vec<usize> = changed.iter().filter_map(|(at, _)| self.table.index(*at)).collect();
+        for index in own.into_iter().chain(written) {
+            if self.update_visibility(index) {
+                appeared.push(self.table.place(index));
             }
-            self.copy_to_those_before(*at, lit, appeared);
         }
         for Done { at, lit, was_seen, .. } in done {
             if was_seen || self.may_be_seen_about(at) {
@@ -175,45 +178,6 @@ impl<const C: usize> Shaded<C> {
             let beside = [i % side - reach, i / side % side - reach, i / (side * side) - reach];
             self.filled(std::array::from_fn(|a| at[a] + beside[a])).is_some()
         })
-    }
-
-    /// Copies a brick's voxels to the preceding bricks that also keep them: each takes a face,
-    /// an edge or the corner.
-    fn copy_to_those_before(&mut self, at: [i64; 3], voxels: &Bits, appeared: &mut Vec<[i64; 3]>) {
-        /// Row y = 0 of a layer's bits.
-        const FIRST_Y: u64 = 0xFF;
-        let Some(own) = self.table.get(at) else { return };
-        for back in 1..8_usize {
-            let back = [back & 1, back >> 1 & 1, back >> 2];
-            let shared = if back[0] == 1 { FIRST_X } else { u64::MAX } & if back[1] == 1 { FIRST_Y } else { u64::MAX };
-            let layers = if back[2] == 1 { 1 } else { EDGE };
-            let changed = |z: usize| voxels[z] & shared;
-            if (0..layers).all(|z| changed(z) == 0) {
-                continue;
-            }
-            let place: [i64; 3] = std::array::from_fn(|a| at[a] - back[a] as i64);
-            let Some(index) = self.table.index(place) else { continue };
-            let slot = match self.table.slots()[index] {
-                // Transparent voxels need no brick.
-                ABSENT if (0..layers).all(|z| self.bricks[own].is_clear(z, changed(z))) => continue,
-                ABSENT => self.add(index, self.stock.take()),
-                slot => slot as usize,
-            };
-            // The two slots differ.
-            let Ok([from, into]) = self.bricks.get_disjoint_mut([own, slot]) else { continue };
-            for z in 0..layers {
-                for voxel in voxels_of(z, changed(z)) {
-                    into.set(
-                        cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)),
-                        &from.cells[cell(voxel)],
-                        &self.interval,
-                    );
-                }
-            }
-            if self.update_visibility(index) {
-                appeared.push(place);
-            }
-        }
     }
 
     fn add(&mut self, index: usize, brick: Box<ShadedBrick<C>>) -> usize {

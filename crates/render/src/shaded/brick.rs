@@ -9,6 +9,11 @@ use crate::classify::shade::Lit;
 pub(crate) const SIDE: usize = EDGE + 1;
 /// Voxels of such a brick.
 pub(crate) const CELLS: usize = SIDE * SIDE * SIDE;
+/// Voxels of a face, without those.
+pub(super) const FACE: usize = EDGE * EDGE;
+
+/// The first voxels of a brick: the faces z = 0, y = 0 and x = 0, each with all that lies in it.
+pub(super) type Border<const C: usize> = [Lit<f32, C>; 3 * FACE];
 
 /// Colour (premultiplied) and opacity of a step, x fastest. The numbers of a voxel are adjacent
 /// in memory, and so are neighbours along x: a sample is four loads.

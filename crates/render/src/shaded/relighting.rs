@@ -9,7 +9,7 @@ use super::brick::{ShadedBrick, cell};
 use super::neighbours::{ROWS, around, at, centre};
 use super::{BRICKS_PER_TASK, Shaded};
 use crate::classify::shade::Shader;
-use crate::snapshot::{VoxelSnapshot, apart};
+use crate::snapshot::{Bits, VoxelSnapshot, apart};
 
 /// Job that lights the visible voxels of a brick; returns their number.
 struct Relighting<'a, const C: usize> {
@@ -81,25 +81,8 @@ impl<const C: usize> Shaded<C> {
             }
         });
         let lit = tasks.iter().map(|(lit, ..)| lit).sum();
-        order.iter().for_each(|(_, at)| self.copy_colours_to_those_before(*at));
+        let lit_again: Vec<([i64; 3], Bits)> = order.into_iter().map(|(_, at)| (at, [u64::MAX; EDGE])).collect();
+        self.copy_to_those_before(&lit_again, sharing);
         lit
-    }
-
-    /// Copies the colours of a brick's first voxels to the preceding bricks that also keep them.
-    fn copy_colours_to_those_before(&mut self, at: [i64; 3]) {
-        let Some(own) = self.table.get(at) else { return };
-        for back in 1..8_usize {
-            let back = [back & 1, back >> 1 & 1, back >> 2];
-            let Some(slot) = self.table.get(std::array::from_fn(|a| at[a] - back[a] as i64)) else { continue };
-            // The two slots differ.
-            let Ok([from, into]) = self.bricks.get_disjoint_mut([own, slot]) else { continue };
-            let [nx, ny, nz] = back.map(|back| if back == 1 { 1 } else { EDGE });
-            for z in 0..nz {
-                for y in 0..ny {
-                    let [of, to] = [[0, y, z], [back[0] * EDGE, y + back[1] * EDGE, z + back[2] * EDGE]].map(cell);
-                    into.cells[to..to + nx].copy_from_slice(&from.cells[of..of + nx]);
-                }
-            }
-        }
     }
 }
