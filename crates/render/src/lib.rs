@@ -3,7 +3,8 @@
 //! In the order of the data:
 //! - [`region`]: the render region, on the volume's lattice. [`camera`]: the rays through it.
 //!   [`mode`]: render modes. [`settings`]: all settings.
-//! - `snapshot`: value and weight of each voxel at its last reading, and which have changed.
+//! - `snapshot`: value and weight, at their last reading, of the voxels in bricks that have shown
+//!   anything and beside them; and which have changed.
 //!   `voxels`: the voxel data that a mode keeps. `shaded`: colour and opacity of all voxels.
 //! - [`classify`]: from value and weight to colour and opacity, over the numbers of [`real`]
 //!   and `elementary`.

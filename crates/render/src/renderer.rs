@@ -199,7 +199,10 @@ impl Renderer {
         }
         let began = Instant::now();
         let bricks_unprepared = match self.parts.is_none() {
-            true => self.snapshot.read(volume, bricks, self.settings.simd, sharing, &mut self.changed),
+            true => {
+                let visible = Some(self.shader.visible());
+                self.snapshot.read(volume, bricks, visible, (self.settings.simd, sharing), &mut self.changed)
+            }
             false => {
                 self.parts.read(volume, bricks, sharing);
                 0
@@ -478,7 +481,8 @@ impl Renderer {
         RenderMemory { voxels: voxels + self.snapshot.bytes() + shaded, rays: rays + of_parts }
     }
 
-    /// Returns the number of bricks in the region that hold anything.
+    /// Returns the number of bricks whose voxels are held: those that have shown anything, their
+    /// neighbours, and all of parts.
     pub fn bricks(&self) -> usize {
         self.snapshot.len() + self.parts.bricks()
     }

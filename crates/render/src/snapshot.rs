@@ -1,18 +1,17 @@
-//! Value and weight of each voxel of the render region as last read from the volume, and which
-//! of them have changed.
+//! Value and weight of the voxels of the render region that can change what is seen, as last read
+//! from the volume, and which of them have changed.
+
+mod reading;
 
 use std::ops::Range;
 
 use simd::sharing::Sharing;
-use simd::{Fused, Simd};
 use volume::brick::{BrickIndex, EDGE, VOXELS};
 use volume::{Prism, Values};
 
 use super::region::RenderRegion;
 use super::stock::Stock;
 
-/// Bricks that one thread task reads.
-const BRICKS_PER_TASK: usize = 8;
 /// Bricks that one thread task dilates.
 const DILATED_PER_TASK: usize = 64;
 /// No brick.
@@ -38,9 +37,12 @@ pub(super) struct Brick {
     pub(super) weight: [f32; VOXELS],
 }
 
+/// A brick of which nothing was seen.
+static UNSEEN: Brick = Brick { value: [0.0; VOXELS], weight: [0.0; VOXELS] };
+
 impl Default for Brick {
     fn default() -> Self {
-        Self { value: [0.0; VOXELS], weight: [0.0; VOXELS] }
+        UNSEEN.clone()
     }
 }
 
@@ -60,32 +62,6 @@ impl Brick {
                 (value[place], weight[place]) = (0.0, 0.0);
             }
         }
-    }
-}
-
-/// A brick to be read again.
-struct Task<'a> {
-    slot: usize,
-    index: BrickIndex,
-    brick: &'a mut Brick,
-    voxels: Bits,
-}
-
-/// Reads a brick and compares it with its previous content.
-struct Reading<'a, 'b, V: ?Sized> {
-    volume: &'a V,
-    bounds: [[i64; 3]; 2],
-    fresh: &'a mut Brick,
-    task: &'a mut Task<'b>,
-}
-
-impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.fresh.read(self.volume, self.task.index, self.bounds);
-        self.task.voxels = difference(self.fresh, self.task.brick);
     }
 }
 
@@ -173,11 +149,12 @@ pub(super) struct VoxelSnapshot {
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
     bricks: Vec<Box<Brick>>,
-    /// Index in the table of each slot.
+    /// Index in the table of each slot; and whether its neighbours are held, too.
     indices: Vec<u32>,
+    attended: Vec<bool>,
     stock: Stock<Brick>,
-    /// Scratch of [`Self::dilated`]: the number of each slot's brick among the changed ones, and a
-    /// bit for each place of the table that these reach.
+    /// Scratch: the number of each slot's brick among the changed ones; and a bit for each place of
+    /// the table that these reach, or that is to be read.
     numbers: Vec<u32>,
     reached: Vec<u64>,
 }
@@ -209,62 +186,12 @@ impl VoxelSnapshot {
             // Room for all: a table that grows is moved to fresh memory.
             bricks: Vec::with_capacity(table.slots().len()),
             indices: Vec::with_capacity(table.slots().len()),
+            attended: Vec::with_capacity(table.slots().len()),
             table,
             stock: Stock::new(Box::default, stocked),
             numbers: Vec::new(),
             reached: Vec::new(),
         }
-    }
-
-    /// Reads some bricks of the volume, given by lattice index divided by 8. Adds bricks in
-    /// which any bit of a value or weight changed to `changed`; ignores those outside of the
-    /// region. Returns the number of bricks that were not prepared.
-    pub(super) fn read(
-        &mut self,
-        volume: &(impl Values + ?Sized),
-        bricks: &[BrickIndex],
-        simd: Simd,
-        sharing: Sharing,
-        changed: &mut Vec<Changed>,
-    ) -> u64 {
-        let edge = EDGE as i64;
-        let mut slots: Vec<(usize, BrickIndex)> = Vec::with_capacity(bricks.len());
-        for brick in bricks {
-            let at: [i64; 3] = std::array::from_fn(|a| i64::from(brick[a]) - self.first[a] / edge);
-            let Some(index) = self.table.index(at) else { continue };
-            let slot = self.table.get(at).unwrap_or_else(|| {
-                self.table.set(index, self.bricks.len() as u32);
-                self.bricks.push(self.stock.take());
-                self.indices.push(index as u32);
-                self.bricks.len() - 1
-            });
-            slots.push((slot, *brick));
-        }
-        let unprepared = self.stock.refill();
-        slots.sort_unstable();
-        slots.dedup();
-        let mut tasks = Vec::with_capacity(slots.len());
-        let bricks = apart(&mut self.bricks, slots.iter().map(|(slot, _)| *slot));
-        for (&(slot, index), brick) in slots.iter().zip(bricks) {
-            tasks.push(Task { slot, index, brick, voxels: [0; EDGE] });
-        }
-        let bounds = self.bounds;
-        sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
-            let mut fresh = Brick::default();
-            for task in tasks {
-                simd.fused(Reading { volume, bounds, fresh: &mut fresh, task });
-                if task.voxels.iter().any(|layer| *layer != 0) {
-                    task.brick.clone_from(&fresh);
-                }
-            }
-        });
-        changed.extend(
-            tasks
-                .iter()
-                .filter(|task| task.voxels.iter().any(|layer| *layer != 0))
-                .map(|task| Changed { at: self.table.place(self.indices[task.slot] as usize), voxels: task.voxels }),
-        );
-        unprepared
     }
 
     /// Writes the voxels whose gradient or value can have changed: the changed ones and their six
@@ -330,6 +257,7 @@ impl VoxelSnapshot {
         let more = wider.slots.len() - self.bricks.len();
         self.bricks.reserve(more);
         self.indices.reserve(more);
+        self.attended.reserve(more);
         self.stock.hold(stocked);
         (self.table, self.first, self.bounds) = (wider, region.first(), region.bounds());
     }
@@ -339,14 +267,20 @@ impl VoxelSnapshot {
     pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
         for (index, brick) in other.indices.into_iter().zip(other.bricks) {
             if begins_in(self.table.place(index as usize), layers) {
-                self.table.set(index as usize, self.bricks.len() as u32);
-                self.bricks.push(brick);
-                self.indices.push(index);
+                self.hold(index as usize, brick, true);
             }
         }
     }
 
-    /// Returns the number of bricks that hold anything.
+    /// Adds a brick.
+    fn hold(&mut self, index: usize, brick: Box<Brick>, attended: bool) {
+        self.table.set(index, self.bricks.len() as u32);
+        self.bricks.push(brick);
+        self.indices.push(index as u32);
+        self.attended.push(attended);
+    }
+
+    /// Returns the number of bricks that are held.
     pub(super) fn len(&self) -> usize {
         self.bricks.len()
     }
@@ -390,9 +324,25 @@ fn difference(a: &Brick, b: &Brick) -> Bits {
         let weight = a.weight[i].to_bits() ^ b.weight[i].to_bits();
         *differs = u8::from(value | weight != 0);
     }
+    bits_of_all(&differs)
+}
+
+/// Returns the seen voxels of a brick whose values lie in an interval.
+#[inline(always)]
+fn within_interval(brick: &Brick, [low, high]: [f32; 2]) -> Bits {
+    let mut lies = [0_u8; VOXELS];
+    for (i, lies) in lies.iter_mut().enumerate() {
+        let value = brick.value[i];
+        *lies = u8::from(brick.weight[i] > 0.0) & u8::from(low <= value) & u8::from(value <= high);
+    }
+    bits_of_all(&lies)
+}
+
+/// Returns bytes of 0 or 1 as bits.
+#[inline(always)]
+fn bits_of_all(bytes: &[u8; VOXELS]) -> Bits {
     let mut bits = [0; EDGE];
-    let (lines, _) = differs.as_chunks::<EDGE>();
-    for (layer, lines) in bits.iter_mut().zip(lines.as_chunks::<EDGE>().0) {
+    for (layer, lines) in bits.iter_mut().zip(bytes.as_chunks::<EDGE>().0.as_chunks::<EDGE>().0) {
         *layer = u64::from_le_bytes(lines.map(bits_of));
     }
     bits

@@ -369,6 +369,32 @@ fn slices_find_their_bricks_prepared() {
 }
 
 #[test]
+fn bricks_that_show_nothing_are_held_only_beside_those_that_do() {
+    let (scan, reconstruction, region) = sweep(30, Motion::Freehand, DMat3::IDENTITY);
+    let mut reconstructor = PathReconstructor::general(reconstruction, scan.mask().clone()).unwrap();
+    let settings =
+        ["bone", "xray"].map(|preset| RenderSettings::new([64, 48], Transfer::preset(preset, [0.0, 255.0]).unwrap()));
+    let [mut some, mut all] = settings.each_ref().map(|settings| Renderer::new(settings, region).unwrap());
+    for frame in 0..scan.frames() {
+        let touched = reconstructor.insert(&scan.slice(frame)).unwrap();
+        let volume = reconstructor.volume();
+        match &touched.slab {
+            Some(slab) => some.update_within(volume, &touched.bricks, slab),
+            None => some.update(volume, &touched.bricks),
+        };
+        all.update(volume, &touched.bricks);
+        if frame % 7 == 0 || frame + 1 == scan.frames() {
+            let mut fresh = Renderer::new(&settings[0], region).unwrap();
+            fresh.update_all(volume);
+            assert_eq!(some.picture(), fresh.picture(), "frame {frame}");
+            assert!(fresh.bricks() <= some.bricks(), "a brick that has shown something stays held");
+        }
+    }
+    assert!(0 < some.bricks() && 2 * some.bricks() < all.bricks(), "{} of {}", some.bricks(), all.bricks());
+    assert!(some.memory().voxels < all.memory().voxels);
+}
+
+#[test]
 fn unchanged_volume_costs_no_work() {
     let (scan, reconstruction, region) = sweep(3, Motion::Freehand, DMat3::IDENTITY);
     let settings = RenderSettings::new([64, 64], tissue());

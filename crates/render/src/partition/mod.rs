@@ -236,7 +236,7 @@ impl Part {
     /// Reads those of some bricks of a volume that lie in its region.
     fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
         let needed: Vec<BrickIndex> = self.reached(bricks).collect();
-        self.snapshot.read(volume, &needed, self.simd, sharing, &mut self.changed);
+        self.snapshot.read(volume, &needed, None, (self.simd, sharing), &mut self.changed);
         self.bricks_read += needed.len() as u64;
     }
 
