@@ -200,8 +200,8 @@ impl Renderer {
         let began = Instant::now();
         let bricks_unprepared = match self.parts.is_none() {
             true => {
-                let visible = Some(self.shader.visible());
-                self.snapshot.read(volume, bricks, visible, (self.settings.simd, sharing), &mut self.changed)
+                let (visible, simd) = (self.shader.visible(), self.settings.simd);
+                self.snapshot.read(volume, bricks, visible, (simd, sharing), &mut self.changed)
             }
             false => {
                 self.parts.read(volume, bricks, sharing);
@@ -481,8 +481,8 @@ impl Renderer {
         RenderMemory { voxels: voxels + self.snapshot.bytes() + shaded, rays: rays + of_parts }
     }
 
-    /// Returns the number of bricks whose voxels are held: those that have shown anything, their
-    /// neighbours, and all of parts.
+    /// Returns the number of bricks whose voxels are held: those that have shown anything, and their
+    /// neighbours.
     pub fn bricks(&self) -> usize {
         self.snapshot.len() + self.parts.bricks()
     }

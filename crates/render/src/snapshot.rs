@@ -145,6 +145,8 @@ pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>)
 pub(super) struct VoxelSnapshot {
     first: [i64; 3],
     bounds: [[i64; 3]; 2],
+    /// Layers of bricks that are read.
+    layers: Range<i64>,
     pub(super) table: BrickTable,
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
@@ -183,6 +185,7 @@ impl VoxelSnapshot {
         Self {
             first: region.first(),
             bounds: region.bounds(),
+            layers: 0..i64::from(region.bricks()[2]),
             // Room for all: a table that grows is moved to fresh memory.
             bricks: Vec::with_capacity(table.slots().len()),
             indices: Vec::with_capacity(table.slots().len()),
@@ -192,6 +195,12 @@ impl VoxelSnapshot {
             numbers: Vec::new(),
             reached: Vec::new(),
         }
+    }
+
+    /// Creates an empty snapshot of some layers of bricks, given by lattice index divided by 8.
+    pub(super) fn of_layers(region: &RenderRegion, layers: Range<i64>) -> Self {
+        let first = region.first()[2] / EDGE as i64;
+        Self { layers: layers.start - first..layers.end - first, ..Self::new(region, 0) }
     }
 
     /// Writes the voxels whose gradient or value can have changed: the changed ones and their six
@@ -260,14 +269,15 @@ impl VoxelSnapshot {
         self.attended.reserve(more);
         self.stock.hold(stocked);
         (self.table, self.first, self.bounds) = (wider, region.first(), region.bounds());
+        self.layers = 0..i64::from(region.bricks()[2]);
     }
 
     /// Takes over the bricks of another snapshot of the region, within some layers of voxels that
     /// it does not hold itself.
     pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
-        for (index, brick) in other.indices.into_iter().zip(other.bricks) {
+        for ((index, brick), attended) in other.indices.into_iter().zip(other.bricks).zip(other.attended) {
             if begins_in(self.table.place(index as usize), layers) {
-                self.hold(index as usize, brick, true);
+                self.hold(index as usize, brick, attended);
             }
         }
     }

@@ -86,6 +86,13 @@ pub struct Message {
     pub work: RenderWork,
 }
 
+/// Returns the layers of bricks that a box meets, both ends of which are in it; lattice indices
+/// divided by 8.
+fn layers_of([low, high]: [[i64; 3]; 2]) -> Range<i64> {
+    let edge = EDGE as i64;
+    low[2].div_euclid(edge)..high[2].div_euclid(edge) + 1
+}
+
 impl Part {
     /// Creates part number `part` of `parts`, of an empty volume.
     ///
@@ -160,7 +167,7 @@ impl Part {
             first: region.first(),
             marks: Marks::new(camera, settings.mode.reach()),
             shader,
-            snapshot: VoxelSnapshot::new(region, 0),
+            snapshot: VoxelSnapshot::of_layers(region, layers_of([low, high])),
             fold,
             simd: settings.simd,
             layers,
@@ -190,9 +197,8 @@ impl Part {
 
     /// Returns the bricks that meet its layers or those of its neighbours that it needs.
     fn reached<'a>(&self, bricks: &'a [BrickIndex]) -> impl Iterator<Item = BrickIndex> + use<'a> {
-        let edge = EDGE as i64;
-        let [low, high] = [self.region[0][2].div_euclid(edge), self.region[1][2].div_euclid(edge)];
-        bricks.iter().filter(move |b| (low..=high).contains(&i64::from(b[2]))).copied()
+        let layers = layers_of(self.region);
+        bricks.iter().filter(move |b| layers.contains(&i64::from(b[2]))).copied()
     }
 
     /// Reads some bricks of a volume, given by lattice index divided by 8; ignores those that it
@@ -236,7 +242,7 @@ impl Part {
     /// Reads those of some bricks of a volume that lie in its region.
     fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
         let needed: Vec<BrickIndex> = self.reached(bricks).collect();
-        self.snapshot.read(volume, &needed, None, (self.simd, sharing), &mut self.changed);
+        self.snapshot.read(volume, &needed, self.shader.visible(), (self.simd, sharing), &mut self.changed);
         self.bricks_read += needed.len() as u64;
     }
 

@@ -172,7 +172,13 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
         for volume in &volumes {
             let (mut changed, mut dirty, mut appeared) = (Vec::new(), Vec::new(), Vec::new());
             let before = Vec::from_iter(shaded.places());
-            snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), None, (simd, Sharing::Alone), &mut changed);
+            snapshot.read(
+                volume,
+                &volume.bricks().collect::<Vec<_>>(),
+                shader.visible(),
+                (simd, Sharing::Alone),
+                &mut changed,
+            );
             let mut voxels = Vec::new();
             snapshot.dilated(&mut changed, &mut voxels, Sharing::Alone);
             let threads = (simd, Sharing::Alone);

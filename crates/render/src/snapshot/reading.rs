@@ -22,7 +22,7 @@ struct Task<'a> {
     brick: BrickIndex,
     /// Its slot, and its content at the last reading; `None` while it is not held.
     held: Option<(usize, &'a mut Brick)>,
-    /// Whether visible values are looked for.
+    /// Whether visible values are looked for: its neighbours are not held yet.
     looks: bool,
     /// Whether it is held unless it is empty: a brick beside it needs it.
     needed: bool,
@@ -58,7 +58,7 @@ impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
             task.shows = differs && task.looks && any(&within_interval(fresh, visible));
             return differs;
         }
-        let showing = if task.looks { within_interval(fresh, visible) } else { [0; EDGE] };
+        let showing = within_interval(fresh, visible);
         let seen = if task.needed { difference(fresh, &UNSEEN) } else { [0; EDGE] };
         task.shows = any(&showing);
         // Voxels that were there before show nothing, and nothing beside them depends on them.
@@ -74,13 +74,13 @@ fn any(voxels: &Bits) -> bool {
 impl VoxelSnapshot {
     /// Reads some bricks of the volume, given by lattice index divided by 8. Adds those with
     /// voxels of which any bit of a value or weight changed, and which can change what is seen, to
-    /// `changed`; ignores those outside of the region. Bricks without `visible` values may be left
-    /// out; if that is `None`, all are held. Returns the number of bricks that were not prepared.
+    /// `changed`; ignores those outside of the region. Values outside of the interval `visible` are
+    /// transparent. Returns the number of bricks that were not prepared.
     pub(crate) fn read(
         &mut self,
         volume: &(impl Values + ?Sized),
         bricks: &[BrickIndex],
-        visible: Option<[f32; 2]>,
+        visible: [f32; 2],
         (simd, sharing): (Simd, Sharing),
         changed: &mut Vec<Changed>,
     ) -> u64 {
@@ -100,6 +100,7 @@ impl VoxelSnapshot {
             let showing = self.read_some(volume, &due, visible, is_new, (simd, sharing), changed);
             // Their neighbours are needed, too. Changes since the last reading are not among these.
             let around = showing.iter().flat_map(|at| FACES.map(|face| beside(*at, face)));
+            let around = around.filter(|at| self.layers.contains(&at[2]));
             due = around.filter_map(|at| self.table.index(at)).filter(|at| self.table.slots()[*at] == ABSENT).collect();
             is_new = false;
         }
@@ -112,7 +113,7 @@ impl VoxelSnapshot {
         &mut self,
         volume: &(impl Values + ?Sized),
         due: &[usize],
-        visible: Option<[f32; 2]>,
+        visible: [f32; 2],
         is_new: bool,
         (simd, sharing): (Simd, Sharing),
         changed: &mut Vec<Changed>,
@@ -123,15 +124,15 @@ impl VoxelSnapshot {
         let task = |index| {
             let at = table.place(index);
             let brick = std::array::from_fn(|a| (at[a] + first[a]) as i32);
-            let looks = visible.is_some();
-            Task { index, at, brick, held: None, looks, needed: !looks, shows: false, fresh: None, voxels: [0; EDGE] }
+            let voxels = [0; EDGE];
+            Task { index, at, brick, held: None, looks: true, needed: false, shows: false, fresh: None, voxels }
         };
         for &index in due {
             match table.slots()[index] {
                 ABSENT => {
                     let mut task = task(index);
                     let mut around = FACES.into_iter().filter_map(|face| table.get(beside(task.at, face)));
-                    task.needed |= around.any(|slot| attended[slot]);
+                    task.needed = around.any(|slot| attended[slot]);
                     tasks.push(task);
                 }
                 slot => held.push((slot as usize, index)),
@@ -139,10 +140,9 @@ impl VoxelSnapshot {
         }
         held.sort_unstable();
         for (&(slot, index), brick) in held.iter().zip(apart(bricks, held.iter().map(|(slot, _)| *slot))) {
-            let looks = visible.is_some() && !attended[slot];
-            tasks.push(Task { held: Some((slot, brick)), looks, ..task(index) });
+            tasks.push(Task { held: Some((slot, brick)), looks: !attended[slot], ..task(index) });
         }
-        let (visible, bounds, stock) = (visible.unwrap_or_default(), *bounds, &*stock);
+        let (bounds, stock) = (*bounds, &*stock);
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
             let mut fresh = Brick::default();
             for task in tasks {
