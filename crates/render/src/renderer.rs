@@ -291,8 +291,7 @@ impl Renderer {
     pub fn widen(&mut self, region: RenderRegion) -> Result<bool, RenderError> {
         let camera = Camera::new(&self.settings.view, self.settings.size, self.settings.step, &region)?;
         let fold = self.settings.fold(camera.samples())?;
-        let is_whole =
-            self.parts.is_none() && self.settings.parts.is_none() && choice::usual(&self.settings, &region) == 1;
+        let is_whole = self.parts.is_none() && self.settings.parts.is_none();
         let Some(by) = region.place_of(&self.region).filter(|_| is_whole) else { return Ok(false) };
         self.draw();
         self.snapshot.widen(&region, by, stocked(&region));
@@ -481,8 +480,8 @@ impl Renderer {
         RenderMemory { voxels: voxels + self.snapshot.bytes() + shaded, rays: rays + of_parts }
     }
 
-    /// Returns the number of bricks whose voxels are held: those that have shown anything, and their
-    /// neighbours.
+    /// Returns the number of bricks whose voxels are held: those that have shown anything, and
+    /// their neighbours.
     pub fn bricks(&self) -> usize {
         self.snapshot.len() + self.parts.bricks()
     }

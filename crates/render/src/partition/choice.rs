@@ -1,26 +1,12 @@
 //! The number of parts in which a picture is rendered.
 //!
-//! Parts read, light and store their voxels side by side, of which a renderer without parts does
-//! some on one thread. For this, they light voxels near the cuts twice, keep a table of rays each,
-//! and cast rays that another part hides. `make render-parts` measures this: two parts gain where a
-//! picture is small beside its volume, and lose at 512×512 pixels and after each slice of a
-//! freehand scan. More than two never gain more on two threads.
-//!
-//! A picture is therefore cut by itself only if it is small beside its volume, is drawn at once,
-//! and two threads render it. Other numbers of threads were not measured. One thread never gains.
-
-use volume::brick::VOXELS;
+//! Parts light voxels near the cuts twice, keep a table of rays each, and cast rays that another
+//! part hides. In `make render-parts` no picture of a whole volume gained by them on one or two
+//! threads, so a picture is cut only where the settings ask for it.
 
 use crate::RenderError;
 use crate::region::RenderRegion;
-use crate::settings::{Cache, RenderSettings};
-
-/// Threads for which parts were faster, and the number of parts.
-const THREADS: usize = 2;
-const PARTS: u32 = 2;
-/// Voxels of the render region a pixel from which parts were faster: 32×32 pixels of 128×128×256
-/// voxels.
-const VOXELS_PER_PIXEL: u64 = 4096;
+use crate::settings::RenderSettings;
 
 /// Returns the number of parts of a picture, 1 for none, and a note for the user if fewer are
 /// made than the settings ask for. `one_level` are the bytes of the one-level cache of its rays,
@@ -35,9 +21,7 @@ pub(crate) fn choose(
 ) -> Result<(u32, Option<String>), RenderError> {
     let layers = region.bricks()[2];
     let fits = one_level <= settings.cache_bytes;
-    let Some(parts) = settings.parts else {
-        return Ok((if fits { usual(settings, region).min(layers) } else { 1 }, None));
-    };
+    let Some(parts) = settings.parts else { return Ok((1, None)) };
     if parts == 0 {
         return Err(RenderError::Part { part: 0, parts, layers });
     }
@@ -59,16 +43,4 @@ pub(crate) fn choose(
         )
     });
     Ok((parts.min(layers), note))
-}
-
-/// Returns the number of parts that is fastest; 1 for none. A picture that keeps nothing of its
-/// rays counts as one that is drawn at once.
-pub fn usual(settings: &RenderSettings, region: &RenderRegion) -> u32 {
-    let pixels: u64 = settings.size.map(u64::from).iter().product();
-    let voxels = region.bricks().map(u64::from).iter().product::<u64>() * VOXELS as u64;
-    let is_at_once = settings.cache == Cache::None && settings.adaptive == 0.0;
-    match is_at_once && settings.threads == THREADS && pixels * VOXELS_PER_PIXEL <= voxels {
-        true => PARTS,
-        false => 1,
-    }
 }

@@ -1,10 +1,9 @@
 use std::time::Duration;
 
-use glam::{DAffine3, DMat3};
+use glam::DMat3;
 
 use phantom::Motion;
 use reconstruct::PathReconstructor;
-use sonoweave_core::frames::Transform;
 
 use super::*;
 use crate::Renderer;
@@ -234,38 +233,9 @@ fn parts_without_memory_for_blocks_are_left_out() {
 }
 
 #[test]
-fn small_still_pictures_on_two_threads_are_cut_by_themselves() {
+fn pictures_are_cut_only_where_asked() {
     let (_, _, region) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
     let base = RenderSettings { size: [16; 2], cache: Cache::None, threads: 2, ..all_settings().remove(0) };
-    let parts = |settings: &RenderSettings| Renderer::new(settings, region).unwrap().count_of_parts();
-    assert_eq!(parts(&base), 2);
-    for other in [
-        RenderSettings { size: [32; 2], ..base.clone() },
-        RenderSettings { threads: 1, ..base.clone() },
-        RenderSettings { threads: 3, ..base.clone() },
-        RenderSettings { cache: Cache::OneLevel, ..base.clone() },
-        RenderSettings { adaptive: 0.01, ..base.clone() },
-        RenderSettings { cache_bytes: 100, ..base.clone() },
-        RenderSettings { parts: Some(1), ..base.clone() },
-    ] {
-        assert_eq!(parts(&other), 1, "{other:?}");
-    }
-}
-
-#[test]
-fn rule_cuts_pictures_of_4096_voxels_a_pixel_in_two() {
-    let base = RenderSettings { cache: Cache::None, threads: 2, ..all_settings().remove(0) };
-    let usual = |size: [u32; 2], voxels: [i64; 3]| {
-        let last = voxels.map(|n| n - 1);
-        let region = RenderRegion::new(Transform::from_affine(DAffine3::IDENTITY), [0; 3], last).unwrap();
-        choice::usual(&RenderSettings { size, ..base.clone() }, &region)
-    };
-    // The volume of the measurement, whose picture of 32×32 pixels was faster in two parts. A brick
-    // around the volume counts as well: 18×18×34 bricks of 512 voxels are 1377 times 4096.
-    let paper = [128, 128, 256];
-    for (size, parts) in [([32, 32], 2), ([1377, 1], 2), ([1378, 1], 1), ([128, 128], 1), ([512, 512], 1)] {
-        assert_eq!(usual(size, paper), parts, "{size:?}");
-    }
-    assert_eq!([usual([4913, 1], [256; 3]), usual([4914, 1], [256; 3])], [2, 1]);
-    assert_eq!([usual([8, 1], [16; 3]), usual([9, 1], [16; 3])], [2, 1]);
+    let parts = |parts| Renderer::new(&RenderSettings { parts, ..base.clone() }, region).unwrap().count_of_parts();
+    assert_eq!([None, Some(1), Some(2)].map(parts), [1, 1, 2]);
 }
