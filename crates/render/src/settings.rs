@@ -82,7 +82,7 @@ pub struct RenderSettings {
     /// Limit of the ray cache, bytes; if it would take more, less is kept.
     pub cache_bytes: u64,
     /// Parts of the volume that are rendered each by itself, see [`crate::partition`]; any number
-    /// gives the same picture. `None` for none.
+    /// gives the same picture. `None` is one: the volume is not cut.
     pub parts: Option<u32>,
     /// Threads; any number gives the same picture.
     pub threads: usize,

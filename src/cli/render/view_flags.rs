@@ -56,7 +56,7 @@ pub(in crate::cli) struct ViewFlags {
     #[arg(long, value_name = "EPS", default_value_t = 0.0)]
     pub(in crate::cli) adaptive: f32,
     /// Parts of the volume, cut across its z axis, that threads render each by itself; any number
-    /// gives the same picture [default: as many as are fastest]
+    /// gives the same picture [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(in crate::cli) parts: Option<u32>,
     /// Colour behind the volume: red, green, blue, 0 to 1

@@ -166,7 +166,7 @@ pub(crate) struct Picture {
     #[default((CACHE_BYTES >> 20) as u32)]
     pub(crate) cache_mib: u32,
     /// Parts of the volume, cut across its z axis, that threads render each by itself; any number
-    /// gives the same picture; default: as many as are fastest
+    /// gives the same picture; default: 1
     #[schemars(range(min = 1, max = 1024))]
     pub(crate) parts: Option<u32>,
     /// Annotations drawn over the picture
