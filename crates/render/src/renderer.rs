@@ -201,7 +201,7 @@ impl Renderer {
         let bricks_unprepared = match self.parts.is_none() {
             true => {
                 let (visible, simd) = (self.shader.visible(), self.settings.simd);
-                self.snapshot.read(volume, bricks, visible, (simd, sharing), &mut self.changed)
+                self.snapshot.read(volume, bricks, |_| true, visible, (simd, sharing), &mut self.changed)
             }
             false => {
                 self.parts.read(volume, bricks, sharing);

@@ -30,6 +30,16 @@ const LAST_X: u64 = 0x8080_8080_8080_8080;
 /// The neighbours that share a face with a brick: axis and direction.
 pub(super) const FACES: [(usize, i64); 6] = [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)];
 
+/// Whether a brick has shown anything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Visibility {
+    Never,
+    /// For the first time in the present reading.
+    Now,
+    /// Before. A brick beside it that is not held was empty then.
+    Before,
+}
+
 /// Value and weight of a brick's voxels, x fastest; both 0 where nothing was seen.
 #[derive(Clone)]
 pub(super) struct Brick {
@@ -145,15 +155,14 @@ pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>)
 pub(super) struct VoxelSnapshot {
     first: [i64; 3],
     bounds: [[i64; 3]; 2],
-    /// Layers of bricks that are read.
-    layers: Range<i64>,
     pub(super) table: BrickTable,
     /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
     /// wait for that.
     bricks: Vec<Box<Brick>>,
-    /// Index in the table of each slot; and whether its neighbours are held, too.
+    /// Index in the table of each slot; and whether its brick has shown anything, so that its
+    /// neighbours are held, too.
     indices: Vec<u32>,
-    attended: Vec<bool>,
+    visibility: Vec<Visibility>,
     stock: Stock<Brick>,
     /// Scratch: the number of each slot's brick among the changed ones; and a bit for each place of
     /// the table that these reach, or that is to be read.
@@ -185,22 +194,15 @@ impl VoxelSnapshot {
         Self {
             first: region.first(),
             bounds: region.bounds(),
-            layers: 0..i64::from(region.bricks()[2]),
             // Room for all: a table that grows is moved to fresh memory.
             bricks: Vec::with_capacity(table.slots().len()),
             indices: Vec::with_capacity(table.slots().len()),
-            attended: Vec::with_capacity(table.slots().len()),
+            visibility: Vec::with_capacity(table.slots().len()),
             table,
             stock: Stock::new(Box::default, stocked),
             numbers: Vec::new(),
             reached: Vec::new(),
         }
-    }
-
-    /// Creates an empty snapshot of some layers of bricks, given by lattice index divided by 8.
-    pub(super) fn of_layers(region: &RenderRegion, layers: Range<i64>) -> Self {
-        let first = region.first()[2] / EDGE as i64;
-        Self { layers: layers.start - first..layers.end - first, ..Self::new(region, 0) }
     }
 
     /// Writes the voxels whose gradient or value can have changed: the changed ones and their six
@@ -266,28 +268,27 @@ impl VoxelSnapshot {
         let more = wider.slots.len() - self.bricks.len();
         self.bricks.reserve(more);
         self.indices.reserve(more);
-        self.attended.reserve(more);
+        self.visibility.reserve(more);
         self.stock.hold(stocked);
         (self.table, self.first, self.bounds) = (wider, region.first(), region.bounds());
-        self.layers = 0..i64::from(region.bricks()[2]);
     }
 
     /// Takes over the bricks of another snapshot of the region, within some layers of voxels that
     /// it does not hold itself.
     pub(super) fn adopt(&mut self, other: Self, layers: &Range<i64>) {
-        for ((index, brick), attended) in other.indices.into_iter().zip(other.bricks).zip(other.attended) {
+        for ((index, brick), visibility) in other.indices.into_iter().zip(other.bricks).zip(other.visibility) {
             if begins_in(self.table.place(index as usize), layers) {
-                self.hold(index as usize, brick, attended);
+                self.hold(index as usize, brick, visibility);
             }
         }
     }
 
     /// Adds a brick.
-    fn hold(&mut self, index: usize, brick: Box<Brick>, attended: bool) {
+    fn hold(&mut self, index: usize, brick: Box<Brick>, visibility: Visibility) {
         self.table.set(index, self.bricks.len() as u32);
         self.bricks.push(brick);
         self.indices.push(index as u32);
-        self.attended.push(attended);
+        self.visibility.push(visibility);
     }
 
     /// Returns the number of bricks that are held.

@@ -1,6 +1,7 @@
 mod adaptive;
 mod interval;
 mod pick;
+mod reading;
 mod refine;
 mod slab;
 

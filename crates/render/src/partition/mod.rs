@@ -93,6 +93,11 @@ fn layers_of([low, high]: [[i64; 3]; 2]) -> Range<i64> {
     low[2].div_euclid(edge)..high[2].div_euclid(edge) + 1
 }
 
+/// Returns whether rays of some rows can reach a brick.
+fn meets(brick: BrickIndex, first: [i64; 3], rays: &ViewRays, rows: &Range<u32>) -> bool {
+    rows_of(brick, first, rays).is_some_and(|[first, last]| first < rows.end && last >= rows.start)
+}
+
 impl Part {
     /// Creates part number `part` of `parts`, of an empty volume.
     ///
@@ -167,7 +172,7 @@ impl Part {
             first: region.first(),
             marks: Marks::new(camera, settings.mode.reach()),
             shader,
-            snapshot: VoxelSnapshot::of_layers(region, layers_of([low, high])),
+            snapshot: VoxelSnapshot::new(region, 0),
             fold,
             simd: settings.simd,
             layers,
@@ -188,11 +193,8 @@ impl Part {
     /// Returns those of some bricks that the part needs: its own and some of its neighbours', as
     /// far as rays of its rows reach them.
     pub fn needed(&self, bricks: &[BrickIndex]) -> Vec<BrickIndex> {
-        let is_seen = |brick: &BrickIndex| {
-            rows_of(*brick, self.first, &self.rays)
-                .is_some_and(|[first, last]| first < self.rows.end && last >= self.rows.start)
-        };
-        self.reached(bricks).filter(is_seen).collect()
+        let Self { first, rays, rows, .. } = self;
+        self.reached(bricks).filter(|brick| meets(*brick, *first, rays, rows)).collect()
     }
 
     /// Returns the bricks that meet its layers or those of its neighbours that it needs.
@@ -242,7 +244,10 @@ impl Part {
     /// Reads those of some bricks of a volume that lie in its region.
     fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
         let needed: Vec<BrickIndex> = self.reached(bricks).collect();
-        self.snapshot.read(volume, &needed, self.shader.visible(), (self.simd, sharing), &mut self.changed);
+        let Self { first, rays, rows, region, snapshot, changed, .. } = self;
+        let layers = layers_of(*region);
+        let wanted = |brick: BrickIndex| layers.contains(&i64::from(brick[2])) && meets(brick, *first, rays, rows);
+        snapshot.read(volume, &needed, wanted, self.shader.visible(), (self.simd, sharing), changed);
         self.bricks_read += needed.len() as u64;
     }
 

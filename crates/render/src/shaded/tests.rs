@@ -175,6 +175,7 @@ fn compare<const C: usize>(settings: &RenderSettings, volumes: [impl Values; 2])
             snapshot.read(
                 volume,
                 &volume.bricks().collect::<Vec<_>>(),
+                |_| true,
                 shader.visible(),
                 (simd, Sharing::Alone),
                 &mut changed,

@@ -64,7 +64,14 @@ fn kept(
     let (mut snapshot, mut shaded) = (VoxelSnapshot::new(region, 0), Shaded::<4>::new(region, interval, 0));
     let (mut changed, mut dirty) = (Vec::new(), Vec::new());
     let (simd, alone) = (Simd::detect(), Sharing::Alone);
-    snapshot.read(volume, &volume.bricks().collect::<Vec<_>>(), shader.visible(), (simd, alone), &mut changed);
+    snapshot.read(
+        volume,
+        &volume.bricks().collect::<Vec<_>>(),
+        |_| true,
+        shader.visible(),
+        (simd, alone),
+        &mut changed,
+    );
     let mut voxels = Vec::new();
     snapshot.dilated(&mut changed, &mut voxels, Sharing::Alone);
     shaded.update(&snapshot, &voxels, &shader, (simd, alone), &mut dirty, &mut Vec::new());
