@@ -1,10 +1,12 @@
 #!/bin/sh
-# Exchanges image files with SimpleITK, VTK, pynrrd and nibabel in both directions, in an empty
-# folder.
+# Exchanges image files with SimpleITK, VTK, pynrrd and nibabel in both directions, and reads movies
+# with Pillow and FFmpeg, in empty folders.
 set -eu
 cd "$(dirname "$0")/../.."
 
 program=$(scripts/build.sh)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-out/interop/bin/python scripts/interop/both_ways.py "$program" "$folder"
+mkdir "$folder/images" "$folder/movies"
+out/interop/bin/python scripts/interop/both_ways.py "$program" "$folder/images"
+out/interop/bin/python scripts/interop/movies.py "$program" "$folder/movies"

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use export::movie::Movie;
 use formats::whole::{persist, temporary};
 use image::RgbImage;
 use serde::Serialize;
@@ -52,13 +53,25 @@ struct Statistics<'a> {
     /// `null` if rays do not end early.
     stop: Option<f32>,
     background: [f32; 3],
+    /// Operations of the crop that hide parts of the volume.
+    crop: usize,
     threads: usize,
     /// Time to read the volume, ms.
     read_ms: f64,
     /// Time from the command's start to the last picture, s.
     wall_s: f64,
     pictures: Vec<Drawn>,
+    /// `null` if each picture is a file.
+    movie: Option<Made>,
     notes: Vec<String>,
+}
+
+/// The movie of all pictures.
+#[derive(Debug, Serialize)]
+struct Made {
+    /// Pictures a second.
+    hz: f64,
+    bytes: u64,
 }
 
 /// One picture.
@@ -108,29 +121,53 @@ impl Request<'_> {
     fn pictures(&self, scene: &Scene<'_>, steps: Steps<'_>, began: Instant, read_ms: f64) -> Result<Rendered, Failure> {
         let turns = self.turntable.map_or(1, u64::from);
         let step = steps("rendering", turns);
-        let (mut pictures, mut notes) = (Vec::new(), Vec::new());
+        let (mut pictures, mut notes, mut renderer) = (Vec::new(), Vec::new(), None);
+        let mut movie = self.movie.map(|rate| Movie::create(self.output, scene.settings.size, rate)).transpose()?;
         for turn in 0..turns {
-            let path = match self.turntable {
-                None => self.output.to_path_buf(),
-                Some(_) => numbered(self.output, turn),
+            let path = match (self.turntable, &movie) {
+                (Some(_), None) => numbered(self.output, turn),
+                _ => self.output.to_path_buf(),
             };
             let turned = self.turntable.map(|_| 360.0 * turn as f64 / turns as f64);
             let view = self.look.view.view(scene.volume.placed().slice_axes(), turned.unwrap_or(0.0), turned.is_some());
-            let finished = scene.rays(&RenderSettings { view, ..scene.settings.clone() }).picture()?;
+            let settings = RenderSettings { view, ..scene.settings.clone() };
+            let rays = scene.rays(&settings);
+            let mut finished = match renderer.take() {
+                Some(renderer) => rays.turned(renderer)?,
+                None => rays.picture()?,
+            };
+            renderer = finished.renderer.take();
             if turn == 0 {
                 notes.extend(finished.notes.iter().cloned());
             }
-            pictures.push(self.write(scene, finished, view, path)?);
+            pictures.push(self.write(scene, finished, view, path, movie.as_mut())?);
             step(turn + 1);
         }
+        let movie = movie.map(|movie| Ok::<_, Failure>(Made { hz: movie.rate().hz(), bytes: movie.finish()? }));
         drop(step);
-        self.report(scene, pictures, notes, began, read_ms)
+        self.report(scene, (pictures, movie.transpose()?), notes, began, read_ms)
     }
 
-    fn write(&self, scene: &Scene<'_>, finished: Finished, view: View, path: PathBuf) -> Result<Drawn, Failure> {
+    /// Writes a picture to its file, or adds it to a movie.
+    fn write(
+        &self,
+        scene: &Scene<'_>,
+        finished: Finished,
+        view: View,
+        path: PathBuf,
+        movie: Option<&mut Movie>,
+    ) -> Result<Drawn, Failure> {
         let began = Instant::now();
         let over = Over::of_picture(finished.picture, &finished.camera, &scene.region, self.look.background);
-        let drawn = over.write(&self.look.planar.drawn(&[]), &path)?;
+        let draw = self.look.planar.drawn(&[]);
+        let drawn = match movie {
+            Some(movie) => {
+                let (picture, drawn) = over.image(&draw);
+                movie.push(Arc::new(picture))?;
+                drawn
+            }
+            None => over.write(&draw, &path)?,
+        };
         Ok(Drawn {
             path,
             drawn,
@@ -148,7 +185,7 @@ impl Request<'_> {
     fn report(
         &self,
         scene: &Scene<'_>,
-        pictures: Vec<Drawn>,
+        (pictures, movie): (Vec<Drawn>, Option<Made>),
         mut notes: Vec<String>,
         began: Instant,
         read_ms: f64,
@@ -165,10 +202,12 @@ impl Request<'_> {
             step: look.view.step,
             stop: look.view.stops(),
             background: look.background,
+            crop: settings.crop.present().len(),
             threads: settings.threads,
             read_ms,
             wall_s,
             pictures,
+            movie,
             notes: notes.clone(),
         };
         let document = document(&statistics)?;
@@ -202,8 +241,8 @@ impl Request<'_> {
         };
         let messages = messages.iter().map(open).collect::<Result<_, Failure>>()?;
         let finished = scene.composite(messages)?;
-        let drawn = self.write(scene, finished, scene.settings.view, self.output.to_path_buf())?;
-        self.report(scene, vec![drawn], Vec::new(), began, read_ms)
+        let drawn = self.write(scene, finished, scene.settings.view, self.output.to_path_buf(), None)?;
+        self.report(scene, (vec![drawn], None), Vec::new(), began, read_ms)
     }
 }
 

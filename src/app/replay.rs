@@ -7,4 +7,5 @@ pub(crate) mod planes;
 pub(crate) mod reel;
 pub(crate) mod series;
 pub(crate) mod session;
+pub(crate) mod session_movie;
 pub(crate) mod showing;

@@ -13,7 +13,8 @@ use formats::Limits;
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
-use super::progress::steps;
+use super::movie::MovieFlags;
+use super::progress::{say, steps};
 use super::reconstruct::flags::Flags;
 use super::reconstruct::one;
 use super::render::view_flags::{Mode, ViewFlags};
@@ -26,6 +27,7 @@ use crate::app::replay::follow::reconstruct;
 use crate::app::replay::following::Following;
 use crate::app::replay::planes::{Planes, Source};
 use crate::app::replay::series::Series;
+use crate::app::replay::session_movie::{MovieRequest, SessionMovie};
 
 /// Flags of `animate`.
 #[derive(Debug, Args)]
@@ -63,6 +65,8 @@ pub struct Arguments {
     /// Source of the planes' values, with --mode slice
     #[arg(long, value_enum, default_value_t, value_name = "SOURCE")]
     from: SourceName,
+    #[command(flatten)]
+    movie: MovieFlags,
     #[command(flatten)]
     look: ViewFlags,
     #[command(flatten)]
@@ -106,7 +110,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         flags.request(sequence, output.as_deref(), flags.beside.beside())?
     };
     sweep.input.pace = arguments.speed;
-    let (look, series) = arguments.look()?;
+    let movie = arguments.movie.request()?;
+    let (look, series) = arguments.look(movie.as_ref())?;
     let threads = sweep.session.settings.threads;
     let picture = arguments.picture.as_deref();
     if arguments.look.mode == Mode::Slice {
@@ -129,7 +134,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         CacheName::OneLevel => Cache::OneLevel,
     };
     following.cache_bytes = arguments.cache_bytes;
+    following.movie = movie.as_ref().map(|movie| SessionMovie::create(movie, look.view.image_size)).transpose()?;
     let (outcome, following) = reconstruct(sweep, following, &steps)?;
+    let made = following.lock().movie.take();
+    if let (Some(made), Some(MovieRequest { path, .. })) = (made, &movie) {
+        say(&format!("{}: {}", path.display(), made.finish()?));
+    }
     let statistics = following.lock().finish(picture)?;
     arguments.report(&request, &request.finish(outcome, statistics.as_ref())?)?;
     statistics.iter().for_each(|statistics| report::of_rays(statistics, picture));
@@ -145,13 +155,13 @@ impl Arguments {
 
     /// Returns the view and the settings of intermediate pictures. Refuses, before the work, a
     /// request without pictures or with impossible ones.
-    fn look(&self) -> Result<(Look, Option<Series>), Failure> {
-        if self.picture.is_none() && self.pictures.is_none() {
+    fn look(&self, movie: Option<&MovieRequest>) -> Result<(Look, Option<Series>), Failure> {
+        if self.picture.is_none() && self.pictures.is_none() && movie.is_none() {
             // A file that is no sequence is named first.
             formats::image::content(&self.sequence, &Limits::default())?;
             fail!(
-                "there is nothing to draw: give --picture for the last picture, or --pictures for all pictures; or use \
-                `reconstruct`"
+                "there is nothing to draw: give --picture for the last picture, or --pictures or --movie for all \
+                pictures; or use `reconstruct`"
             );
         }
         if let Some(path) = &self.picture {
@@ -161,9 +171,15 @@ impl Arguments {
         }
         let series = series(self.pictures.as_deref(), self.every)?;
         let look = self.look.look()?;
+        if let Some(MovieRequest { path, .. }) = movie {
+            input::check_is_not(path, &self.sequence)?;
+        }
         if self.look.mode == Mode::Slice {
-            let other =
-                [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
+            let other = [
+                ("--cache", self.cache != CacheName::default()),
+                ("--cache-bytes", self.cache_bytes != CACHE_BYTES),
+                ("--movie", movie.is_some()),
+            ];
             if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
                 fail_usage!("{flag}: applies to rays, and --mode slice has none; leave it out");
             }

@@ -22,6 +22,7 @@ pub(crate) mod keywords;
 pub mod live;
 mod log;
 pub mod man;
+mod movie;
 mod negative;
 pub mod phantom;
 mod progress;

@@ -9,6 +9,7 @@ pub(super) mod view_flags;
 use std::path::PathBuf;
 
 use config::view_settings::Draw;
+use export::movie::Format;
 use render::camera::View;
 
 use super::Failure;
@@ -33,6 +34,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         output,
         window: arguments.window,
         turntable: *turntable,
+        movie: Format::of(output).map(|_| arguments.movie_rate.of(output)).transpose()?,
         threads: input::threads(arguments.threads),
         memory_bytes: gibibytes(arguments.max_memory)?,
         level: arguments.level,
@@ -58,6 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [width, height] = look.view.image_size;
     let name = match turntable {
         None => output.display().to_string(),
+        Some(turns) if request.movie.is_some() => format!("{}, {turns} pictures", output.display()),
         Some(turns) => format!("{} and on, {turns} pictures", numbered(output, 0).display()),
     };
     print_line!(
@@ -75,7 +78,17 @@ impl Arguments {
     /// Returns the view. Refuses, before the work, impossible outputs and settings that suit no
     /// volume.
     fn look(&self) -> Result<Look, Failure> {
+        let is_movie = Format::of(&self.output).is_some();
+        if !is_movie {
+            self.movie_rate.check_none("give --turntable and a name that ends in .apng, .gif or .avi")?;
+        } else if self.turntable.is_none() {
+            fail_usage!(
+                "{}: a movie needs the number of its pictures; give --turntable, or a name that ends in .png",
+                self.output.display()
+            );
+        }
         match self.part {
+            None if is_movie => {}
             None => input::check_png(&self.output)?,
             Some(_) if input::check_png(&self.output).is_ok() => {
                 fail_usage!(

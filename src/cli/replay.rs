@@ -10,6 +10,7 @@ use drivers::replay::Pace;
 
 use super::igtl::SharingFlags;
 use super::live::report::leave;
+use super::movie::MovieFlags;
 use super::progress::Lines;
 use super::reconstruct::filling::FillFlags;
 use super::{Failure, values};
@@ -32,6 +33,7 @@ Corrections that `sonoweave correct` has stored beside the session are applied: 
 the live one.
 
 Examples: sonoweave replay SESSION-20261121-213000.mcap -o volume.mha --picture last.png
+          sonoweave replay SESSION-20261121-213000.mcap --movie sweep.apng
           sonoweave replay SESSION-20261121-213000.mcap --console 127.0.0.1:9110")]
 pub struct Arguments {
     /// Recorded session (.mcap)
@@ -90,6 +92,8 @@ pub struct Arguments {
     #[arg(long, help_heading = "Outputs", hide_short_help = true)]
     first_moment: bool,
     #[command(flatten)]
+    movie: MovieFlags,
+    #[command(flatten)]
     filling: FillFlags,
     #[command(flatten)]
     sharing: SharingFlags,
@@ -126,6 +130,7 @@ impl Arguments {
             corrected: !self.as_recorded,
             all: self.all,
             series: series(self.pictures.as_deref(), self.every)?,
+            movie: self.movie.request()?,
             outputs: Outputs {
                 volume: self.output.clone(),
                 weights: self.weights.clone(),

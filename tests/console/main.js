@@ -8,6 +8,7 @@ import { endLeft, endShared } from "./session.js";
 await import("./words.test.js");
 await import("./pictures.test.js");
 await import("./steering.test.js");
+await import("./movie.test.js");
 await import("./commands.test.js");
 await import("./mask.test.js");
 await import("./planes.test.js");

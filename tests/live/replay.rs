@@ -11,8 +11,8 @@ use tempfile::NamedTempFile;
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use formats::session::WriterOptions;
 use pipeline::session::{
-    DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, SessionStatus, Source,
-    ViewClient, run,
+    DeviceRole, Drawn, Every, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, SessionStatus,
+    Source, ViewClient, run,
 };
 use render::RenderSettings;
 use render::classify::transfer::Transfer;
@@ -119,8 +119,8 @@ impl ViewClient for Album {
         assert!(before.is_none(), "a picture of {} slices was there", drawn.slices);
     }
 
-    fn every(&self) -> Option<NonZeroU64> {
-        self.every
+    fn every(&self) -> Option<Every> {
+        self.every.map(Every::Slices)
     }
 }
 

@@ -8,6 +8,7 @@ use glam::DVec3;
 use render::camera::{Camera, View};
 use render::classify::light::Light;
 use render::classify::transfer::Transfer;
+use render::crop::Crop;
 use render::settings::STOP;
 use render::{self, RenderError, RenderRegion, RenderSettings, Shading};
 use sonoweave_core::frames::{Transform, Volume, World};
@@ -114,6 +115,8 @@ pub struct ViewSettings {
     pub transfer: Option<String>,
     /// The transfer function from that file, if it has been read.
     pub read: Option<Transfer>,
+    /// The hidden parts of the volume.
+    pub crop: Crop,
     /// Distance of samples along a ray, voxels.
     pub step: f64,
     /// Samples composited in one block.
@@ -214,6 +217,7 @@ impl ViewSettings {
             stop: self.stops().unwrap_or(STOP),
             adaptive: self.adaptive,
             parts: self.parts,
+            crop: self.crop.clone(),
             threads,
             ..RenderSettings::new(self.image_size, self.transfer(range)?)
         })

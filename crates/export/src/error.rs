@@ -103,6 +103,28 @@ pub enum ExportError {
     /// No frame or plane to write.
     #[error("there is no frame to write; choose other frames, or a larger part of the volume")]
     NoFrame,
+    /// A file name that is none of a movie.
+    #[error("{path}: is not the name of a movie; give a name that ends in .apng, .gif or .avi", path = path.display())]
+    MovieName {
+        /// The given name.
+        path: PathBuf,
+    },
+    /// A rate of pictures that a movie's file cannot have.
+    #[error("{hz} pictures a second: such a movie can have {least_hz} to {most_hz}; choose one of these")]
+    MovieRate {
+        /// The given rate.
+        hz: f64,
+        /// The lowest rate.
+        least_hz: f64,
+        /// The highest rate of such files.
+        most_hz: u16,
+    },
+    /// A movie without pictures.
+    #[error("{path}: there is no picture to write; check that any slice has a pose", path = path.display())]
+    NoPicture {
+        /// The target file.
+        path: PathBuf,
+    },
     /// A picture that cannot be encoded.
     #[error("cannot encode {path} as PNG: {source}; choose another size", path = path.display())]
     Encode {

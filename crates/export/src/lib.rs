@@ -5,7 +5,7 @@
 //! - [`dicom`]: volumes and sweeps to DICOM.
 //! - [`planes`]: a volume's three middle planes side by side, as an overview.
 //! - [`sections`]: planes of a volume or of slices, in a picture of a given size.
-//! - [`picture`]: pictures to PNG.
+//! - [`picture`]: pictures to PNG. [`movie`]: many of them to animated PNG, GIF and AVI.
 //! - [`drawing`]: construction drawing of a wire phantom, at 1:1 on paper.
 //! - [`page`]: text, tables and drawings in one file for a browser.
 //! - `legend`: legends of pictures.
@@ -21,6 +21,7 @@ mod error;
 pub mod fill;
 pub(crate) mod legend;
 pub(crate) mod lettering;
+pub mod movie;
 pub mod page;
 pub mod panel;
 pub mod picture;

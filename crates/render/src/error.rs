@@ -42,6 +42,14 @@ pub enum RenderError {
         /// Last voxel.
         high: [i64; 3],
     },
+    /// An operation of a crop that is impossible.
+    #[error("operation {number} of the crop: {problem}")]
+    Crop {
+        /// Its number, from 1.
+        number: usize,
+        /// The numbers that it needs.
+        problem: &'static str,
+    },
     /// Blocks without samples.
     #[error("blocks of 0 samples hold none: the arity must be 1 or more")]
     Arity,

@@ -3,6 +3,7 @@
 //! In the order of the data:
 //! - [`region`]: the render region, on the volume's lattice. [`camera`]: the rays through it.
 //!   [`mode`]: render modes. [`settings`]: all settings.
+//! - [`crop`]: parts of the volume that are hidden.
 //! - `snapshot`: value and weight, at their last reading, of the voxels in bricks that have shown
 //!   anything and beside them; and which have changed.
 //!   `voxels`: the voxel data that a mode keeps. `shaded`: colour and opacity of all voxels.
@@ -25,6 +26,7 @@
 
 pub mod camera;
 pub mod classify;
+pub mod crop;
 mod elementary;
 mod error;
 mod hidden;
@@ -51,6 +53,7 @@ pub mod work;
 #[cfg(test)]
 mod tests;
 
+pub use crop::Crop;
 pub use error::RenderError;
 pub use mode::{Mode, Shading};
 pub use partition::{Compositor, Part, Plan};

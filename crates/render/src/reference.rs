@@ -7,6 +7,7 @@ use super::RenderError;
 use super::camera::Camera;
 use super::classify::classifier::{SampleClassifier, sample};
 use super::classify::shade::{Lit, Shader};
+use super::crop::{Cropped, LatticeCrop};
 use super::mode::{Mode, VoxelData};
 use super::region::RenderRegion;
 use super::settings::RenderSettings;
@@ -35,6 +36,8 @@ pub fn render(
     region: &RenderRegion,
 ) -> Result<ReferencePicture, RenderError> {
     settings.mode.check()?;
+    let crop = LatticeCrop::new(settings.crop.present(), region.world_from_lattice());
+    let volume = &Cropped::new(volume, &crop);
     let camera = Camera::new(&settings.view, settings.size, settings.step, region)?;
     let shader = Shader::<f64>::new(settings, &camera, region);
     let pixels = match settings.mode.voxel_data() {
@@ -98,7 +101,7 @@ struct Voxels<const S: usize> {
 }
 
 impl<const S: usize> Voxels<S> {
-    fn keep(volume: &(impl Values + ?Sized), shader: &Shader<f64>, region: &RenderRegion) -> Result<Self, RenderError> {
+    fn keep(volume: &impl Values, shader: &Shader<f64>, region: &RenderRegion) -> Result<Self, RenderError> {
         let [low, high] = region.bounds();
         let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 3) as usize);
         let n = size.iter().try_fold(1_usize, |n, s| n.checked_mul(*s)).filter(|n| *n <= MOST_VOXELS);

@@ -24,6 +24,7 @@ pub struct RenderRegion {
     /// half a cell beyond it.
     bricks: [u32; 3],
     world_from_region: DAffine3,
+    world_from_lattice: DAffine3,
 }
 
 impl RenderRegion {
@@ -56,7 +57,12 @@ impl RenderRegion {
         if !(world_from_region.is_finite() && world_from_region.matrix3.determinant() != 0.0) {
             return Err(wrong());
         }
-        Ok(Self { low, high, first, bricks, world_from_region })
+        Ok(Self { low, high, first, bricks, world_from_region, world_from_lattice: lattice })
+    }
+
+    /// Returns the map from lattice indices to world mm, the same for all boxes of a lattice.
+    pub(super) fn world_from_lattice(&self) -> DAffine3 {
+        self.world_from_lattice
     }
 
     /// Returns the lattice indices of the box's first and last voxel.

@@ -15,6 +15,7 @@ use super::camera::{Camera, View};
 use super::classify::light::Light;
 use super::classify::shade::Shader;
 use super::classify::transfer::Transfer;
+use super::crop::{Crop, Cropped, LatticeCrop};
 use super::layers::{Channels, Image, Layers, channels};
 use super::mode::{Mode, VoxelData};
 use super::partition::choice;
@@ -62,6 +63,8 @@ pub struct Renderer {
     transfer: Transfer,
     light: Light,
     shader: Shader<f32>,
+    /// The parts of the volume that the crop hides.
+    crop: LatticeCrop,
     snapshot: VoxelSnapshot,
     fold: Fold,
     team: Option<Arc<Team>>,
@@ -137,6 +140,7 @@ impl Renderer {
             transfer: settings.transfer.clone(),
             light: settings.light,
             shader,
+            crop: LatticeCrop::new(settings.crop.present(), region.world_from_lattice()),
             snapshot: VoxelSnapshot::new(&region, stocked(&region)),
             fold,
             team,
@@ -198,6 +202,7 @@ impl Renderer {
             return Updated::default();
         }
         let began = Instant::now();
+        let volume = &Cropped::new(volume, &self.crop);
         let bricks_unprepared = match self.parts.is_none() {
             true => {
                 let (visible, simd) = (self.shader.visible(), self.settings.simd);
@@ -211,6 +216,19 @@ impl Renderer {
         let work = RenderWork { bricks_read: bricks.len() as u64, bricks_unprepared, ..RenderWork::default() };
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
+    }
+
+    /// Hides other parts of the volume. Only bricks are read again that one of both crops may
+    /// hide, and the other does not.
+    pub fn set_crop(&mut self, crop: Crop, volume: &(impl Values + ?Sized)) -> Updated {
+        let lattice = self.region.world_from_lattice();
+        let [lost, gained] = self.settings.crop.differing(&crop).map(|of| LatticeCrop::new(of, lattice));
+        let bricks: Vec<BrickIndex> =
+            volume.bricks().filter(|brick| lost.reaches(*brick) || gained.reaches(*brick)).collect();
+        self.crop = LatticeCrop::new(crop.present(), lattice);
+        self.parts.set_crop(|| LatticeCrop::new(crop.present(), lattice));
+        self.settings.crop = crop;
+        self.update(volume, &bricks)
     }
 
     /// Updates the picture from the bricks [read](Self::read) before.

@@ -9,6 +9,7 @@ use super::RenderError;
 use super::camera::View;
 use super::classify::light::Light;
 use super::classify::transfer::Transfer;
+use super::crop::Crop;
 use super::mode::{Mode, VoxelData};
 use super::rays::composite::Fold;
 
@@ -68,6 +69,8 @@ pub struct RenderSettings {
     pub mode: Mode,
     /// Opacity and colour of intensities.
     pub transfer: Transfer,
+    /// The parts of the volume that are hidden.
+    pub crop: Crop,
     /// The light.
     pub light: Light,
     /// Samples of a composited block; `None` for [`usual_arity`].
@@ -100,6 +103,7 @@ impl RenderSettings {
             step: 1.0,
             mode: Mode::default(),
             transfer,
+            crop: Crop::default(),
             light: Light::default(),
             arity: None,
             stop: STOP,

@@ -1,4 +1,5 @@
 mod adaptive;
+mod crop;
 mod interval;
 mod pick;
 mod reading;

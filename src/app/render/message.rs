@@ -77,7 +77,7 @@ pub(crate) struct Named {
 /// the program that computes them.
 fn key(rays: &Rays<'_>, level: &LevelOnDisk) -> String {
     let of = rays.settings;
-    let settings = (&of.view, of.size, of.step, of.mode, &of.transfer, of.light, of.arity, of.stop);
+    let settings = (&of.view, of.size, of.step, of.mode, &of.transfer, &of.crop, of.light, of.arity, of.stop);
     let all = (env!("CARGO_PKG_VERSION"), &level.key, level.number, rays.region, settings);
     hex(&Sha256::digest(format!("{all:?}")))
 }
@@ -300,5 +300,6 @@ pub(super) fn composite(rays: &Rays<'_>, level: &LevelOnDisk, messages: Vec<Name
         shade_ms: 0.0,
         rays_ms: milliseconds(began),
         notes: Vec::new(),
+        renderer: None,
     })
 }

@@ -40,6 +40,8 @@ pub(super) struct Finished {
     pub(super) shade_ms: f64,
     pub(super) rays_ms: f64,
     pub(super) notes: Vec<String>,
+    /// Its renderer, if all voxels fit into memory.
+    pub(super) renderer: Option<Renderer>,
 }
 
 impl Rays<'_> {
@@ -108,17 +110,21 @@ impl Rays<'_> {
         let prepare_ms = milliseconds(began);
         let (shade, rays) = update(&mut renderer);
         self.volume.check()?;
-        Ok(Finished {
-            picture: renderer.picture(),
-            camera: *renderer.camera(),
-            numbers: PictureNumbers::of(&renderer, self.settings.size),
-            bands: 1,
-            compositor_bytes: None,
-            prepare_ms,
-            shade_ms: shade.as_secs_f64() * 1e3,
-            rays_ms: rays.as_secs_f64() * 1e3,
-            notes: Vec::new(),
-        })
+        let numbers = PictureNumbers::of(&renderer, self.settings.size);
+        Ok(finished(renderer, numbers, [prepare_ms, shade.as_secs_f64() * 1e3, rays.as_secs_f64() * 1e3]))
+    }
+
+    /// Renders the picture by the renderer of another view of the same volume, which has its
+    /// voxels.
+    ///
+    /// # Errors
+    /// [`Failure`] for an invalid view.
+    pub(super) fn turned(&self, mut renderer: Renderer) -> Result<Finished, Failure> {
+        let began = Instant::now();
+        let mut work = renderer.set_view(self.settings.view)?.work;
+        work += renderer.refine(Duration::MAX).work;
+        let numbers = PictureNumbers { work, ..PictureNumbers::of(&renderer, self.settings.size) };
+        Ok(finished(renderer, numbers, [0.0, 0.0, milliseconds(began)]))
     }
 
     fn in_parts(&self, level: &LevelOnDisk, bricks: &[BrickIndex]) -> Result<Finished, Failure> {
@@ -138,6 +144,7 @@ impl Rays<'_> {
             shade_ms: 0.0,
             rays_ms: 0.0,
             notes: Vec::from_iter(note),
+            renderer: None,
         };
         let mut numbers =
             PartNumbers { parts: plan.parts, samples: finished.camera.samples(), ..PartNumbers::default() };
@@ -200,6 +207,22 @@ impl Rays<'_> {
         let message = part.draw_on(self.team);
         let draw_ms = milliseconds(began);
         Ok(RenderedPart { message, memory: part.memory(), bricks: part.bricks(), read_ms, draw_ms })
+    }
+}
+
+/// Returns the picture of a renderer, and the times to set it up, to shade and to cast, ms.
+fn finished(renderer: Renderer, numbers: PictureNumbers, [prepare_ms, shade_ms, rays_ms]: [f64; 3]) -> Finished {
+    Finished {
+        picture: renderer.picture(),
+        camera: *renderer.camera(),
+        numbers,
+        bands: 1,
+        compositor_bytes: None,
+        prepare_ms,
+        shade_ms,
+        rays_ms,
+        notes: Vec::new(),
+        renderer: Some(renderer),
     }
 }
 

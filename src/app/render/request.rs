@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use export::movie::Rate;
 use ome_zarr::ChunkWork;
 use render::camera::View;
 
@@ -50,6 +51,8 @@ pub(crate) struct Request<'a> {
     pub(crate) window: Option<[f32; 2]>,
     /// Number of pictures all around the vertical; `None` for a single picture.
     pub(crate) turntable: Option<u16>,
+    /// Rate of the movie of those pictures; `None` writes each to a file.
+    pub(crate) movie: Option<Rate>,
     pub(crate) threads: usize,
     /// Memory limit for the volume, bytes.
     pub(crate) memory_bytes: u64,

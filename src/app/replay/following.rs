@@ -18,6 +18,7 @@ use volume::lattice::{Shifted, canonical, shift};
 
 use super::follow::Follow;
 use super::series::Series;
+use super::session_movie::SessionMovie;
 use crate::app::render::drawing::Over;
 use crate::app::render::look::Look;
 use crate::failure::Failure;
@@ -28,6 +29,7 @@ pub(crate) struct Following {
     window: Option<[f32; 2]>,
     threads: usize,
     series: Option<Series>,
+    pub(crate) movie: Option<SessionMovie>,
     pub(crate) cache: Cache,
     pub(crate) cache_bytes: u64,
     first: Option<FirstSlice>,
@@ -62,6 +64,7 @@ impl Following {
             window,
             threads,
             series,
+            movie: None,
             cache: Cache::default(),
             cache_bytes: CACHE_BYTES,
             first: None,
@@ -141,10 +144,14 @@ impl Follow for Following {
         self.shade_ms.push(milliseconds(updated.shade));
         self.rays_ms.push(milliseconds(updated.rays));
         self.slices += 1;
+        let draw = self.look.planar.drawn(&[Draw::Slice, Draw::Probe]);
+        if let Some(movie) = &mut self.movie {
+            movie.add(inserted.slice.time_ns, first.over(&self.look).image(&draw).0)?;
+        }
         if let Some(path) =
             self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, inserted.item))
         {
-            first.over(&self.look).write(&self.look.planar.drawn(&[Draw::Slice, Draw::Probe]), &path)?;
+            first.over(&self.look).write(&draw, &path)?;
         }
         Ok(())
     }

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use config::bedside::Picture;
-use pipeline::session::{Drawn, First, ViewClient};
+use pipeline::session::{Drawn, Every, First, ViewClient};
 use render::RenderSettings;
 
+use super::session_movie::{MovieRequest, SessionMovie};
 use crate::app::render::drawing::Over;
 use crate::failure::Failure;
 
@@ -26,10 +27,11 @@ impl Series {
     }
 }
 
-/// A session's picture, and its intermediate pictures.
+/// A session's picture, and its intermediate pictures: as files or as a movie.
 pub(crate) struct Gallery {
-    pub(crate) picture: Picture,
-    pub(crate) series: Option<Series>,
+    picture: Picture,
+    series: Option<Series>,
+    movie: Option<MovieRequest>,
     written: Mutex<Written>,
 }
 
@@ -38,21 +40,36 @@ struct Written {
     /// Slices of the picture that was shown last.
     slices: u64,
     pictures: u64,
+    movie: Option<SessionMovie>,
     failed: Option<Failure>,
 }
 
 impl Gallery {
-    pub(crate) fn new(picture: Picture, series: Option<Series>) -> Self {
-        Self { picture, series, written: Mutex::default() }
-    }
-
-    /// Returns the number of intermediate pictures that were written.
+    /// Begins with no picture.
     ///
     /// # Errors
-    /// [`Failure`]: the first that could not be written.
-    pub(crate) fn written(&self) -> Result<u64, Failure> {
+    /// [`Failure`] when the movie's file cannot be written.
+    pub(crate) fn new(picture: Picture, series: Option<Series>, movie: Option<MovieRequest>) -> Result<Self, Failure> {
+        let size = picture.view.image_size;
+        let begun = movie.as_ref().map(|request| SessionMovie::create(request, size)).transpose()?;
+        Ok(Self { picture, series, movie, written: Mutex::new(Written { movie: begun, ..Written::default() }) })
+    }
+
+    /// Completes the movie. Returns what was written, in words.
+    ///
+    /// # Errors
+    /// [`Failure`]: the first file that could not be written.
+    pub(crate) fn finish(&self) -> Result<Option<String>, Failure> {
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
-        written.failed.take().map_or(Ok(written.pictures), Err)
+        if let Some(failed) = written.failed.take() {
+            return Err(failed);
+        }
+        if let Some(movie) = written.movie.take() {
+            let path = self.movie.as_ref().map(|movie| movie.path.display());
+            return movie.finish().map(|words| path.map(|path| format!("{path}: {words}")));
+        }
+        let folder = self.series.as_ref().map(|series| series.folder.display());
+        Ok(folder.map(|folder| format!("{} pictures in {folder}", written.pictures)))
     }
 }
 
@@ -63,17 +80,24 @@ impl ViewClient for Gallery {
 
     fn shown(&self, drawn: &Drawn) {
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        let over = Over::of(&drawn.renderer, self.picture.background, None);
+        if let Some(movie) = &mut written.movie {
+            if let Err(failure) = movie.add(drawn.time_ns, over.image(&self.picture.draw).0) {
+                (written.movie, written.failed) = (None, Some(failure));
+            }
+            return;
+        }
         let before = std::mem::replace(&mut written.slices, drawn.slices);
         let path = self.series.as_ref().and_then(|series| series.path(before, drawn.slices, drawn.item));
         let Some(path) = path.filter(|_| written.failed.is_none()) else { return };
-        let over = Over::of(&drawn.renderer, self.picture.background, None);
         match over.write(&self.picture.draw, &path) {
             Ok(_) => written.pictures += 1,
             Err(failure) => written.failed = Some(failure),
         }
     }
 
-    fn every(&self) -> Option<NonZeroU64> {
-        self.series.as_ref().map(|series| series.every)
+    fn every(&self) -> Option<Every> {
+        let of_movie = self.movie.as_ref().map(|movie| Every::Millihertz(movie.rate.millihertz()));
+        of_movie.or(self.series.as_ref().map(|series| Every::Slices(series.every)))
     }
 }

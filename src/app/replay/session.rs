@@ -13,6 +13,7 @@ use reconstruct::Compounding;
 use sonoweave_core::clock::Monotonic;
 
 use super::series::{Gallery, Series};
+use super::session_movie::MovieRequest;
 use crate::app::correct;
 use crate::app::igtl::Sharing;
 use crate::app::input;
@@ -36,6 +37,8 @@ pub(crate) struct ReplayRequest<'a> {
     pub(crate) all: bool,
     /// Intermediate pictures.
     pub(crate) series: Option<Series>,
+    /// A movie of the session.
+    pub(crate) movie: Option<MovieRequest>,
     pub(crate) outputs: Outputs,
     /// The OpenIGTLink server.
     pub(crate) sharing: Sharing,
@@ -48,9 +51,12 @@ impl ReplayRequest<'_> {
     /// # Errors
     /// [`Failure`] when it cannot be read, or a requested output cannot be written.
     pub(crate) fn open(&self) -> Result<(Chain, Bedside), Failure> {
-        let Self { session, config, outputs, .. } = self;
+        let Self { session, config, outputs, movie, .. } = self;
         for output in [&outputs.volume, &outputs.weights, &outputs.errors, &outputs.picture].into_iter().flatten() {
             input::check_is_not(output, session)?;
+        }
+        if let Some(MovieRequest { path, .. }) = movie {
+            input::check_is_not(path, session)?;
         }
         outputs.json.check([*session])?;
         let mut chain = Chain::read(session)?;
@@ -81,7 +87,7 @@ impl ReplayRequest<'_> {
 /// [`Failure`] when it cannot be read, its outputs cannot be written, or its result differs from
 /// the live one.
 pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: Leave<'_>) -> Result<(), Failure> {
-    let ReplayRequest { session, config, pace, corrected, all, series, outputs, sharing } = request;
+    let ReplayRequest { session, config, pace, corrected, all, series, movie, outputs, sharing } = request;
     let (mut chain, bedside) = request.open()?;
     let (_, decisions) = chain.last();
     let (missing, dropped) = (decisions.missing(), decisions.dropped());
@@ -106,8 +112,9 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
     let quit = quit_on_signal()?;
     let mut igtl = sharing.begin(&[], &quit, reporter, false)?;
     let began = Instant::now();
-    let is_rendered = outputs.picture.is_some() || series.is_some();
-    let gallery = is_rendered.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
+    let is_rendered = outputs.picture.is_some() || series.is_some() || movie.is_some();
+    let gallery = || Gallery::new(bedside.picture.clone(), series.clone(), movie.clone()).map(Arc::new);
+    let gallery = is_rendered.then(gallery).transpose()?;
     let client = gallery.clone().map(|gallery| gallery as Arc<dyn ViewClient>);
     let mut stages = stages(&bedside, client)?;
     if let Some(igtl) = &igtl {
@@ -126,8 +133,8 @@ pub(crate) fn run(request: &ReplayRequest<'_>, reporter: &dyn Reporter, leave: L
     if let Some(igtl) = igtl {
         igtl.leave(reporter, false);
     }
-    if let (Some(gallery), Some(Series { folder, .. })) = (gallery, series) {
-        reporter.say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
+    if let Some(written) = gallery.and_then(|gallery| gallery.finish().transpose()) {
+        reporter.say(&written?);
     }
     let differences = finished.decisions.as_ref().filter(|_| config.is_none()).map(RecordedDecisions::differences);
     leave(&Ended {

@@ -65,8 +65,10 @@ pub(crate) fn run(
     reporter: &dyn Reporter,
     leave: Leave<'_>,
 ) -> Result<(), Failure> {
-    if request.series.is_some() {
-        fail!("--pictures: cannot be combined with --console; leave one of them out");
+    for (flag, given) in [("--pictures", request.series.is_some()), ("--movie", request.movie.is_some())] {
+        if given {
+            fail!("{flag}: cannot be combined with --console; leave one of them out");
+        }
     }
     let (_, bedside) = request.open()?;
     bedside.calibrated().map_err(Failure::configuration)?;

@@ -7,6 +7,7 @@ use clap::Args;
 use super::view_flags::ViewFlags;
 use crate::app::json::JsonFlag;
 use crate::app::part::Part;
+use crate::cli::movie::MovieRate;
 use crate::cli::values;
 
 /// Default memory limit, GiB.
@@ -25,11 +26,13 @@ sonoweave render limb.ome.zarr --part 1/2 -o 1.part
 sonoweave render limb.ome.zarr --part 2/2 -o 2.part
 sonoweave render limb.ome.zarr --composite 1.part 2.part -o picture.png
 
-Example: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone")]
+Examples: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone
+          sonoweave render volume.mha -o turn.gif --turntable 60")]
 pub struct Arguments {
     /// Volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, .ome.zarr)
     pub(super) volume: PathBuf,
-    /// Write the picture to this file (.png), or with --part the message
+    /// Write the picture to this file (.png), with --turntable also a movie (.apng, .gif, .avi), or
+    /// with --part the message
     #[arg(short, long, value_name = "IMG.png")]
     pub(super) output: PathBuf,
     /// Volume's weights, as `reconstruct --weights` wrote them: 0 marks unseen voxels
@@ -39,9 +42,12 @@ pub struct Arguments {
     /// the file gives them, else of the scalar type, else the smallest and the largest]
     #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
     pub(super) window: Option<WindowValue>,
-    /// Draw so many pictures all around the vertical: IMG-000.png, IMG-001.png, …
+    /// Draw so many pictures all around the vertical: IMG-000.png, IMG-001.png, …, or those of a
+    /// movie
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=3600))]
     pub(super) turntable: Option<u16>,
+    #[command(flatten)]
+    pub(super) movie_rate: MovieRate,
     /// Threads; any number gives the same picture [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,

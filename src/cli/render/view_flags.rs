@@ -1,5 +1,7 @@
 //! The flags of all commands that render: view, mode, and quality.
 
+use std::path::PathBuf;
+
 use clap::Args;
 
 use super::lighting::Lighting;
@@ -9,6 +11,7 @@ use crate::cli::{Failure, values};
 pub(in crate::cli) use config::view_settings::Mode;
 use config::view_settings::{Classified, ViewSettings};
 use render::classify::light::Light;
+use render::crop::Crop;
 
 /// View, mode and quality of a picture.
 #[derive(Debug, Clone, Args)]
@@ -39,6 +42,10 @@ pub(in crate::cli) struct ViewFlags {
     /// average xray, whose greys are those of --window]
     #[arg(long, value_name = "PRESET|FILE.toml")]
     pub(super) transfer: Option<String>,
+    /// Hide the parts of the volume that a crop file names: boxes, planes, balls and more. The
+    /// volume stays as it is
+    #[arg(long, value_name = "FILE.toml")]
+    pub(in crate::cli) crop: Option<PathBuf>,
     /// Distance of samples along a ray, in voxels
     #[arg(long, value_name = "VOXELS", default_value_t = STEP)]
     pub(in crate::cli) step: f64,
@@ -94,7 +101,8 @@ impl ViewFlags {
     /// [`Failure`] with the flag and its valid values.
     pub(in crate::cli) fn look(&self) -> Result<Look, Failure> {
         self.planar.check(self)?;
-        let view = self.view_settings(self.lighting.light()?);
+        let crop = self.crop.as_deref().map(Crop::read).transpose().map_err(config::Error::from)?;
+        let view = ViewSettings { crop: crop.unwrap_or_default(), ..self.view_settings(self.lighting.light()?) };
         view.check().map_err(Failure::flag)?;
         Ok(Look { view, background: self.background, planar: self.planar.planes()? })
     }
@@ -109,6 +117,7 @@ impl ViewFlags {
             shading: self.shading,
             transfer: self.transfer.clone(),
             read: None,
+            crop: Crop::default(),
             step: self.step,
             arity: self.arity,
             stop: self.stop,

@@ -66,7 +66,7 @@ pub struct Bedside {
     pub effective: Effective,
     /// Sentences for the user.
     pub notes: Vec<String>,
-    /// The texts of its files: its own, the calibration's, a transfer function's.
+    /// The texts of its files: its own, the calibration's, a transfer function's, a crop's.
     pub texts: ByPath,
 }
 

@@ -28,7 +28,7 @@ const TRIED: [(&str, &[&str]); 4] = [
     ("picture", &["most_hz", "image_size", "cache", "cache_mib", "draw", "parts", "threads"]),
 ];
 /// Keys whose values may name a file.
-const FILES: [&str; 2] = ["calibration.file", "picture.transfer"];
+const FILES: [&str; 3] = ["calibration.file", "picture.crop", "picture.transfer"];
 /// Largest number of listed files beside a session.
 const MOST_FILES: usize = 100;
 /// Sections of devices; their `latency_ms` can be overridden.

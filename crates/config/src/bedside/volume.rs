@@ -10,6 +10,7 @@ use reconstruct::planar::PlanarSettings;
 use reconstruct::settings::Settings;
 use render::classify::light::{DepthCue, Light};
 use render::classify::transfer::Transfer;
+use render::crop::Crop;
 use render::{Cache, RenderSettings};
 
 use super::reader::Reader;
@@ -147,6 +148,10 @@ impl Picture {
             None => None,
         };
         let transfer = file.map(|file| file.to_string_lossy().into_owned()).or(named);
+        let crop = match given.crop.as_deref().map(|name| keys.path_of(name)) {
+            Some(file) => Crop::parse(&file, &keys.named("crop", &file, texts)?)?,
+            None => Crop::default(),
+        };
         let view = ViewSettings {
             image_size: size,
             view: keys.parsed_if("view_deg", given.view_deg, values::view)?,
@@ -156,6 +161,7 @@ impl Picture {
             shading: given.shading.map(|shading| shading.0),
             transfer,
             read,
+            crop,
             step: given.step_voxels,
             arity: given.arity,
             stop: given.stop.map(|x| x as f32),

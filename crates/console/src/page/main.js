@@ -19,6 +19,7 @@ import { Stream } from "./stream.js";
 import { Tone } from "./tone.js";
 import { troubles } from "./troubles.js";
 import { View } from "./view.js";
+import { ViewMovie } from "./view_movie.js";
 
 // Interval of the status check, ms.
 const UPDATE_MS = 250;
@@ -41,6 +42,8 @@ const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, figures: viewFigures },
   (message) => stream.send(message),
 );
+const speak = (words) => (of("announcer").textContent = words);
+measured.open.movie = new ViewMovie({ canvas: of("view"), button: of("view-record"), time: of("view-recorded") }, speak).open;
 const line = { send: (message) => stream.send(message), answer: (header) => stream.answer(header) };
 const planes = new Planes(of, line, () => {
   measure.settle(planes.shown);
@@ -55,11 +58,11 @@ const measure = new Measure(of, {
     viewFigures.show(figures, open);
   },
   ask,
-  speak: (words) => (of("announcer").textContent = words),
+  speak,
 });
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
-const replay = new Replay(of, { send: (message) => stream.send(message), fetch: () => fetchJson("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
+const replay = new Replay(of, { send: (message) => stream.send(message), fetch: () => fetchJson("/v1/settings"), speak });
 measured.open.replay = replay.open;
 view.clicked = (x, y) => {
   measure.see([x, y]);
@@ -76,7 +79,7 @@ const tone = new Tone(
     screens[SLICE].tone(words ? table : null);
     slice.toned(words);
   },
-  (words) => (of("announcer").textContent = words),
+  speak,
 );
 measured.open.tone = tone.open;
 

@@ -398,6 +398,7 @@ fn drawn(item: u64) -> Drawn {
         renderer: Renderer::new(&settings, stage).unwrap(),
         slices: 0,
         item,
+        time_ns: 0,
         captured_ns: None,
         refining: false,
         pictures: 0,

@@ -2,7 +2,6 @@
 //! poses.
 
 use std::collections::VecDeque;
-use std::num::NonZeroU64;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError};
@@ -12,6 +11,7 @@ use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
 use super::common::Common;
+use super::every::{DueTime, Every};
 use super::shared_volume::{PendingChanges, Shared, SharedVolume};
 use super::turns::Stage;
 use crate::inserter::{OutcomeSink, VolumeInserter};
@@ -54,9 +54,9 @@ pub(super) struct Times {
 pub(super) struct Insertion {
     /// Whether no source follows: slices that wait for the mask are then inserted at the end.
     pub(super) is_last: bool,
-    /// Every how many slices insertion waits for the picture; after a wait for the mask, for the
+    /// The slices after which insertion waits for the picture; after a wait for the mask, for the
     /// picture of the last slice.
-    pub(super) every: Option<NonZeroU64>,
+    pub(super) every: Option<Every>,
     /// Whether the slices are a sequence's: a full volume is then an error, and the time of each
     /// insertion is kept. A session goes on without the slices that do not fit.
     pub(super) of_sequence: bool,
@@ -135,6 +135,7 @@ struct Inserting<'a> {
     /// Slices without outcome: they wait for the mask.
     waiting: VecDeque<(u64, Option<Times>)>,
     insert_ms: Vec<f64>,
+    due: DueTime,
 }
 
 impl Inserting<'_> {
@@ -143,7 +144,7 @@ impl Inserting<'_> {
         &mut self,
         act: impl FnOnce(&mut VolumeInserter, &mut OutcomeReporter<'_>) -> Result<(), PipelineError>,
     ) -> Result<[u64; 2], PipelineError> {
-        let Self { shared, common, insertion, waiting, insert_ms } = self;
+        let Self { shared, common, insertion, waiting, insert_ms, .. } = self;
         let mut volume = shared.lock();
         let SharedVolume { inserter, pending, .. } = &mut *volume;
         let before = pending.inserted;
@@ -165,9 +166,16 @@ impl Inserting<'_> {
     fn handle(&mut self, message: InsertMessage) -> Result<(), PipelineError> {
         match message {
             InsertMessage::Slice(Posed { item, slice, times }) => {
+                if let Some(Every::Millihertz(rate)) = self.insertion.every
+                    && self.due.passes(slice.time_ns, &self.shared.lock().pending, rate)
+                {
+                    self.shared.await_picture();
+                }
                 self.waiting.push_back((item, times));
                 let [before, after] = self.change(|inserter, reporter| inserter.insert(item, slice, reporter))?;
-                if self.insertion.every.is_some_and(|every| after / every > before / every) {
+                if let Some(Every::Slices(every)) = self.insertion.every
+                    && after / every > before / every
+                {
                     self.shared.await_picture();
                 }
             }
@@ -200,7 +208,14 @@ pub(super) fn run(
     common: Common<'_>,
     insertion: Insertion,
 ) -> Result<Vec<f64>, PipelineError> {
-    let mut inserting = Inserting { shared, common, insertion, waiting: VecDeque::new(), insert_ms: Vec::new() };
+    let mut inserting = Inserting {
+        shared,
+        common,
+        insertion,
+        waiting: VecDeque::new(),
+        insert_ms: Vec::new(),
+        due: DueTime::default(),
+    };
     let turns = common.status.turns.begin(Stage::Insertion);
     let mut result = loop {
         turns.turn();

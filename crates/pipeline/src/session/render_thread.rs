@@ -6,7 +6,6 @@
 //! priority reads the volume; otherwise insertion would have to wait, on a busy machine, for
 //! everything that the low-priority thread yields to.
 
-use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
@@ -20,6 +19,7 @@ use volume::brick::BrickIndex;
 use volume::lattice::Shifted;
 use volume::read::Values as _;
 
+use super::every::Every;
 use super::pacing::Pacing;
 use super::priority::Background;
 use super::reach::Reach;
@@ -67,10 +67,9 @@ pub trait ViewClient: Send + Sync {
     /// none is due.
     fn answer(&self, _shown: Option<&Renderer>) {}
 
-    /// In a replay: every how many slices a picture is rendered. Insertion then waits for it,
-    /// and besides these only the last picture is rendered. `None` renders as fast as both
-    /// threads allow, as in a live session.
-    fn every(&self) -> Option<NonZeroU64> {
+    /// In a replay: the slices after which a picture is rendered, besides the last one. Insertion
+    /// waits for it. `None` renders as fast as both threads allow, as in a live session.
+    fn every(&self) -> Option<Every> {
         None
     }
 
@@ -96,8 +95,7 @@ pub trait ViewClient: Send + Sync {
         TURN
     }
 
-    /// Returns the highest picture rate, Hz; queried before each picture. Unlimited by default.
-    /// The last picture is rendered at once.
+    /// Returns the highest picture rate, Hz, by default unlimited; the last picture ignores it.
     fn most_hz(&self) -> f64 {
         f64::INFINITY
     }
@@ -130,6 +128,8 @@ pub struct Drawn {
     pub slices: u64,
     /// Number of the last one's frame.
     pub item: u64,
+    /// Time of the last one, ns, on the stream's clock.
+    pub time_ns: i64,
     /// Capture time of that frame, host ns; `None` in a replay.
     pub captured_ns: Option<i64>,
     /// Whether the view is new, so that the picture is still coarse.
@@ -221,6 +221,7 @@ impl RenderState<'_> {
                     renderer,
                     slices: 0,
                     item: 0,
+                    time_ns: 0,
                     captured_ns: None,
                     refining: false,
                     pictures: 0,
@@ -418,8 +419,7 @@ pub(super) fn run(
             continue;
         };
         if rendering.reach != Some(reach) || rendering.changes != changes {
-            // Insertion continues meanwhile; if it leaves this box too, the next one is half as
-            // large again.
+            // Insertion continues meanwhile, and may leave this box too.
             drop(volume);
             let is_same = rendering.changes == changes;
             rendering.changes = changes;
@@ -439,7 +439,7 @@ pub(super) fn run(
             rendering.is_unread = true;
             continue;
         }
-        let PendingChanges { inserted, item, captured_ns, .. } = volume.pending;
+        let PendingChanges { inserted, item, time_ns, captured_ns, .. } = volume.pending;
         let slab = volume.pending.changes.shown().filter(|_| !rendering.is_unread);
         rendering.is_unread = false;
         // From here on, insertion continues.
@@ -447,7 +447,7 @@ pub(super) fn run(
         drawn.by_slab += u64::from(slab.is_some());
         drawn.in_parts += u64::from(drawn.renderer.count_of_parts() > 1);
         background.run(|| drawn.renderer.draw_within(slab.as_ref()));
-        (drawn.slices, drawn.item, drawn.captured_ns) = (inserted, item, captured_ns);
+        (drawn.slices, drawn.item, drawn.time_ns, drawn.captured_ns) = (inserted, item, time_ns, captured_ns);
         drawn.pictures += 1;
         drawn.skipped += (inserted - seen).saturating_sub(1);
         drawn.draw.add_ns(ns(began.elapsed()));

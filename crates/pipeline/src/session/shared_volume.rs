@@ -44,6 +44,8 @@ pub(super) struct PendingChanges {
     pub(super) captured_ns: Option<i64>,
     /// Number of its frame.
     pub(super) item: u64,
+    /// Its time, ns, on the stream's clock.
+    pub(super) time_ns: i64,
     /// Values determined by the first slice.
     pub(super) first: Option<FirstSlice>,
     /// The box that is rendered.
@@ -110,6 +112,7 @@ impl PendingChanges {
         self.last = inserted.mask.bounds().map(|data| (inserted.slice.clone(), data));
         self.captured_ns = captured_ns;
         self.item = inserted.item;
+        self.time_ns = inserted.slice.time_ns;
     }
 
     /// Notes that the volume is empty again. The count of slices continues, so that every client

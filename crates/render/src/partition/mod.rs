@@ -34,6 +34,7 @@ use volume::{Prism, Values};
 use super::RenderError;
 use super::camera::Camera;
 use super::classify::shade::Shader;
+use super::crop::{Cropped, LatticeCrop};
 use super::layers::{Channels, Image, Layers, channels};
 use super::rays::cast::Casting;
 use super::rays::composite::{Accumulated, Fold};
@@ -60,6 +61,8 @@ pub struct Part {
     first: [i64; 3],
     marks: Marks,
     shader: Shader<f32>,
+    /// The parts of the volume that the crop hides.
+    crop: LatticeCrop,
     snapshot: VoxelSnapshot,
     fold: Fold,
     simd: Simd,
@@ -172,6 +175,7 @@ impl Part {
             first: region.first(),
             marks: Marks::new(camera, settings.mode.reach()),
             shader,
+            crop: LatticeCrop::new(settings.crop.present(), region.world_from_lattice()),
             snapshot: VoxelSnapshot::new(region, 0),
             fold,
             simd: settings.simd,
@@ -244,7 +248,8 @@ impl Part {
     /// Reads those of some bricks of a volume that lie in its region.
     fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], sharing: Sharing) {
         let needed: Vec<BrickIndex> = self.reached(bricks).collect();
-        let Self { first, rays, rows, region, snapshot, changed, .. } = self;
+        let Self { first, rays, rows, region, snapshot, changed, crop, .. } = self;
+        let volume = &Cropped::new(volume, crop);
         let layers = layers_of(*region);
         let wanted = |brick: BrickIndex| layers.contains(&i64::from(brick[2])) && meets(brick, *first, rays, rows);
         snapshot.read(volume, &needed, wanted, self.shader.visible(), (self.simd, sharing), changed);

@@ -8,6 +8,7 @@ use volume::{Prism, Values};
 use super::{Part, PartLayers, own_samples};
 use crate::RenderError;
 use crate::camera::Camera;
+use crate::crop::LatticeCrop;
 use crate::layers::{Channels, Image, channels};
 use crate::rays::composite::{Accumulated, Fold};
 use crate::rays::line::Line;
@@ -141,6 +142,11 @@ impl Parts {
                 Some((Sampler::new(&part.layers()?.voxels, &part.shader), Line { first, end, ..*line }))
             })
             .collect()
+    }
+
+    /// Hides other parts of the volume, from the next reading on.
+    pub(crate) fn set_crop(&mut self, crop: impl Fn() -> LatticeCrop) {
+        self.0.iter_mut().for_each(|part| part.crop = crop());
     }
 
     /// Moves the voxels of all parts together, each from the part that owns it. The picture is

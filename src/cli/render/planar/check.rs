@@ -29,6 +29,7 @@ impl PlanarFlags {
             ("--view", view_flags.view.is_some()),
             ("--perspective", view_flags.perspective.is_some()),
             ("--transfer", view_flags.transfer.is_some()),
+            ("--crop", view_flags.crop.is_some()),
             ("--step", view_flags.step != usual.step),
             ("--arity", view_flags.arity.is_some()),
             ("--stop", view_flags.stop.is_some()),

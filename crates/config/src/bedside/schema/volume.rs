@@ -111,6 +111,9 @@ pub(crate) struct Picture {
     /// Opacity and colour of grey levels; default: tissue, for mip and average xray
     #[schemars(extend("x-takes" = "a preset or a path ending in .toml"))]
     pub(crate) transfer: Option<String>,
+    /// Parts of the volume that are hidden; default: none
+    #[schemars(extend("x-takes" = "a path of a crop file, ending in .toml"))]
+    pub(crate) crop: Option<String>,
     /// Grey levels that are drawn black and white
     #[schemars(extend("x-takes" = "[black, white]"))]
     #[default(Notation::Text("0,255".into()))]
