@@ -27,4 +27,5 @@ pub(crate) mod replay;
 pub(crate) mod reporter;
 pub mod service;
 pub(crate) mod sha256;
+pub(crate) mod surface;
 pub(crate) mod volume_input;

@@ -33,6 +33,7 @@ pub mod render;
 pub mod repair;
 pub mod replay;
 mod smoothing;
+pub mod surface;
 pub mod twin;
 mod version;
 
@@ -127,6 +128,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Describe a sequence, volume or calibration file
     Inspect(inspect::Arguments),
+    /// Make a mesh of a grey value of a volume, and measure its area and volume
+    Surface(surface::Arguments),
     /// Compare two volumes: their difference, its places, and the settings that differ
     Compare(compare::Arguments),
     /// Run a live session: devices to a volume and its picture, recorded
@@ -189,6 +192,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Repair(arguments) => repair::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Surface(arguments) => surface::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Live(arguments) => live::run(arguments, quiet),
         Command::Calibrate(arguments) => calibrate::run(arguments),

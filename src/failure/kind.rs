@@ -15,6 +15,7 @@ use reconstruct::{Refused, RepeatError, SettingsError};
 use render::RenderError;
 use serde::{Deserialize, Serialize};
 use sonoweave_core::keys::FileError;
+use surface::SurfaceError;
 use sync::NoPath;
 use volume::dense::DenseError;
 
@@ -164,6 +165,12 @@ fn by_type(error: &(dyn StdError + 'static)) -> Option<FailureKind> {
             RenderError::Memory { .. } => Some(FailureKind::Memory),
             RenderError::Message { .. } => Some(FailureKind::Input),
             _ => None,
+        };
+    }
+    if let Some(error) = error.downcast_ref::<SurfaceError>() {
+        return match error {
+            SurfaceError::Memory { .. } | SurfaceError::Vertices { .. } => Some(FailureKind::Memory),
+            _ => Some(FailureKind::Usage),
         };
     }
     if let Some(Refused::Memory { .. }) = error.downcast_ref() {

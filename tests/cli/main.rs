@@ -61,6 +61,7 @@ mod shadow_weights;
 mod shell;
 mod smoothing;
 mod standard_errors;
+mod surface;
 mod targets;
 mod tracker;
 mod tutorials;

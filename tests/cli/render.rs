@@ -8,7 +8,7 @@ use sonoweave_core::reading::PixelType;
 
 use super::place::Place;
 
-fn put(place: &Place, name: &str, header: &VolumeHeader, bytes: &[u8]) {
+pub(super) fn put(place: &Place, name: &str, header: &VolumeHeader, bytes: &[u8]) {
     let mut file = VolumeWriter::create(&place.path(name), header).unwrap();
     file.write_all(bytes).unwrap();
     file.finish().unwrap();

@@ -19,7 +19,7 @@ const LONGEST: usize = 260;
 const REMEDIES: [&str; 2] = ["src/failure.rs", "src/app/reconstruct/filling.rs"];
 
 /// Types with sentences that have no field, and what says where instead.
-const PLACED: [(&str, &str); 34] = [
+const PLACED: [(&str, &str); 35] = [
     ("Apart", "the command names both volumes before it"),
     ("ArmError", "of the touches and the arm that the command names"),
     ("BadMeta", "follows the volume's path"),
@@ -50,6 +50,7 @@ const PLACED: [(&str, &str); 34] = [
     ("RequestError", "answers the request that it refuses"),
     ("SectionError", "names the setting, and follows its flag"),
     ("SettingsError", "names the setting"),
+    ("SurfaceError", "of the volume and the grey value that the command names"),
     ("Unreadable", "follows the file's path"),
     ("UnsureReason", "of the frames that the mask is searched in"),
     ("Unwritable", "follows the file's path"),

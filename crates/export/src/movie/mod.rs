@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `.apng` | exact | browsers; an animated PNG |
 //! | `.gif` | exact if grey, else at most 256 colours each | chats and slides |
-//! | `.avi` | JPEG of quality [`avi::QUALITY`] | players; Motion JPEG |
+//! | `.avi` | JPEG of quality 92 | players; Motion JPEG |
 //!
 //! A thread of its own encodes, while the caller makes the next picture. Its queue is short and
 //! waits, so no picture is left out. The file appears whole or not at all.

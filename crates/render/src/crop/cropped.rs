@@ -9,7 +9,7 @@ use super::Operation;
 use super::shape::Shape;
 
 /// The shapes of a crop on a lattice.
-pub(crate) struct LatticeCrop {
+pub struct LatticeCrop {
     shapes: Vec<Shape>,
     world_from_lattice: DAffine3,
     /// Distance of a brick's farthest voxel from its middle, mm.
@@ -17,7 +17,8 @@ pub(crate) struct LatticeCrop {
 }
 
 impl LatticeCrop {
-    pub(crate) fn new(operations: &[Operation], world_from_lattice: DAffine3) -> Self {
+    /// Returns the shapes of operations on a lattice; the map gives world mm.
+    pub fn new(operations: &[Operation], world_from_lattice: DAffine3) -> Self {
         let axes = world_from_lattice.matrix3;
         // Rounding must not put a voxel outside.
         let radius = 0.5
@@ -43,7 +44,7 @@ impl LatticeCrop {
     }
 
     /// Returns whether it may hide voxels of a brick.
-    pub(crate) fn reaches(&self, brick: BrickIndex) -> bool {
+    pub fn reaches(&self, brick: BrickIndex) -> bool {
         self.at(brick).is_none_or(|some| !some.is_empty())
     }
 
@@ -53,13 +54,14 @@ impl LatticeCrop {
 }
 
 /// A volume of which hidden voxels are unseen.
-pub(crate) struct Cropped<'a, V: ?Sized> {
+pub struct Cropped<'a, V: ?Sized> {
     volume: &'a V,
     crop: &'a LatticeCrop,
 }
 
 impl<'a, V: Values + ?Sized> Cropped<'a, V> {
-    pub(crate) fn new(volume: &'a V, crop: &'a LatticeCrop) -> Self {
+    /// Returns the volume without the voxels that a crop of its lattice hides.
+    pub fn new(volume: &'a V, crop: &'a LatticeCrop) -> Self {
         Self { volume, crop }
     }
 }

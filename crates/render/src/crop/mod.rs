@@ -7,7 +7,7 @@
 //! - [`Crop`]: operations, in their order; the last one can be undone.
 //! - [`file`](mod@file): crops as files.
 //! - `shape`: whether a point, or all of a ball, is hidden.
-//! - `cropped`: a volume without its hidden voxels.
+//! - [`Cropped`]: a volume without its hidden voxels.
 
 mod cropped;
 pub mod file;
@@ -21,7 +21,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::error::RenderError;
-pub(crate) use cropped::{Cropped, LatticeCrop};
+pub use cropped::{Cropped, LatticeCrop};
 
 /// Most operations of a crop.
 pub const MOST_OPERATIONS: usize = 1000;
