@@ -109,7 +109,7 @@ impl Smoothing {
     fn weights(&self, axis: usize, place: f64) -> Taps {
         let variance = self.sigma[axis].powi(2);
         let distances = || (0..self.taps()).map(move |voxel| place - voxel as f64);
-        let gauss: Vec<f64> = distances().map(|d| (-d * d / (2.0 * variance)).exp()).collect();
+        let gauss: Vec<f64> = distances().map(|d| libm::exp(-d * d / (2.0 * variance))).collect();
         let first = distances().zip(&gauss).map(|(d, g)| -d / variance * g).collect();
         let second = distances().zip(&gauss).map(|(d, g)| (d * d / variance - 1.0) / variance * g).collect();
         Taps([gauss, first, second])

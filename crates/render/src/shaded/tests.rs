@@ -22,7 +22,8 @@ impl Values for Anything {
     fn values(&self, start: [i64; 3], value: &mut [f32], weight: &mut [f32]) {
         for (x, (value, weight)) in value.iter_mut().zip(weight).enumerate() {
             let [i, j, k] = [start[0] + x as i64, start[1], start[2]].map(i64::cast_unsigned);
-            let hash = (self.0 ^ (i + 64 * (j + 64 * k))).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let hash = (self.0 ^ [k, j, i].into_iter().fold(0_u64, |hash, at| hash.wrapping_mul(64).wrapping_add(at)))
+                .wrapping_mul(0x9E37_79B9_7F4A_7C15);
             let hash = (hash ^ hash >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 16;
             let share = |of: u64| (of & 0xFFFF) as f32 / 65536.0;
             *value = match hash & 63 {

@@ -3,6 +3,7 @@
 use std::fs;
 
 use render::classify::transfer::Transfer;
+use render::crop::Crop;
 use toml::{Table, Value};
 
 use super::*;
@@ -47,6 +48,7 @@ fn refused(text: &str) -> Option<String> {
     match shown.get("format").and_then(Value::as_str) {
         Some("sonoweave-calibration") => CalibrationFile::parse(path, text).err().map(|e| e.to_string()),
         Some("sonoweave-transfer") => Transfer::parse(path, text).err().map(|e| e.to_string()),
+        Some("sonoweave-crop") => Crop::parse(path, text).err().map(|e| e.to_string()),
         Some("sonoweave-phantom") => PhantomSettings::parse(path, text).err().map(|e| e.to_string()),
         Some(_) if shown.contains_key("grabber") => parse(text).err(),
         _ => {
