@@ -78,6 +78,9 @@ impl<V: Values + ?Sized> Values for Cropped<'_, V> {
     }
 
     fn brick(&self, block: BrickIndex, value: &mut [f32; VOXELS], weight: &mut [f32; VOXELS]) {
+        if self.crop.shapes.is_empty() {
+            return self.volume.brick(block, value, weight);
+        }
         let Some(shapes) = self.crop.at(block) else {
             (*value, *weight) = ([0.0; VOXELS], [0.0; VOXELS]);
             return;
