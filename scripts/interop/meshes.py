@@ -1,5 +1,5 @@
-"""Reads meshes of sonoweave with VTK, trimesh and meshio: the same triangles, closed, with the volume
-that sonoweave says.
+"""Reads meshes of sonoweave with VTK, trimesh and meshio: the same triangles, closed, with the
+volume that sonoweave says.
 
 Usage: meshes.py SONOWEAVE FOLDER. Writes into the empty folder, and ends with an error at the
 first difference.

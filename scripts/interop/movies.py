@@ -1,5 +1,5 @@
-"""Reads movies of sonoweave with other programs: Pillow, and FFmpeg by PyAV. They find the number of
-pictures, their times and their pixels.
+"""Reads movies of sonoweave with other programs: Pillow, and FFmpeg by PyAV. They find the number
+of pictures, their times and their pixels.
 
 Usage: movies.py SONOWEAVE FOLDER. Writes into the empty folder, and ends with an error at the
 first difference.

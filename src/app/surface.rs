@@ -12,16 +12,12 @@ use surface::parts::parts;
 use surface::{Compensation, Format, Mesh, SurfaceError, SurfaceWork, Topology, compensate, extract};
 use volume::DenseVolume;
 
-use super::volume_input::dense;
+use super::volume_input::{FRAME_FIELD, INPUT_FIELD, dense, field};
 use crate::app::input::name_of;
 use crate::failure::{Failure, FailureKind};
 
 /// Header field with the kernel's standard deviations along u, v and the normal, mm.
 const SIGMA_FIELD: &str = "SonoweaveSigmaMm";
-/// Header field with the volume's frame.
-const FRAME_FIELD: &str = "SonoweaveFrame";
-/// Header field with the recording's name and hash.
-const INPUT_FIELD: &str = "SonoweaveInput";
 
 /// A blur for which the surface is moved back.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -174,8 +170,8 @@ impl Request<'_> {
 
     /// Returns the origin of the mesh, for its file.
     fn provenance(&self, volume: &DenseVolume, made: &Made) -> String {
-        let input = field(volume, INPUT_FIELD).map_or_else(|| name_of(self.volume), str::to_owned);
-        let frame = field(volume, FRAME_FIELD).unwrap_or("World (mm, not anatomical)");
+        let input = field(&volume.header().fields, INPUT_FIELD).map_or_else(|| name_of(self.volume), str::to_owned);
+        let frame = field(&volume.header().fields, FRAME_FIELD).unwrap_or("World (mm, not anatomical)");
         let blur = made.blur_mm.map_or_else(String::new, |mm| format!(", moved back by a blur of {mm} mm"));
         format!(
             "sonoweave {}: grey value {} of {input}{blur}; frame {frame}. {NOTICE}",
@@ -185,15 +181,11 @@ impl Request<'_> {
     }
 }
 
-fn field<'a>(volume: &'a DenseVolume, name: &str) -> Option<&'a str> {
-    volume.header().fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
-}
-
 /// Returns the standard deviation of a blur, mm. A kernel that differs along the axes counts by the
 /// mean of its variances.
 fn blur_mm(blur: Blur, volume: &DenseVolume, path: &Path) -> Result<f64, Failure> {
     let Blur::Mm(mm) = blur else {
-        let numbers: Option<Vec<f64>> = field(volume, SIGMA_FIELD)
+        let numbers: Option<Vec<f64>> = field(&volume.header().fields, SIGMA_FIELD)
             .and_then(|text| text.split_whitespace().map(|number| number.parse().ok()).collect());
         return match numbers.as_deref() {
             Some([u, v, n]) => Ok(((u * u + v * v + n * n) / 3.0).sqrt()),

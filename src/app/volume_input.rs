@@ -11,6 +11,16 @@ use volume::DenseVolume;
 use crate::app::reconstruct::zarr::is_ome_zarr;
 use crate::failure::Failure;
 
+/// Header field with the recording's name and hash.
+pub(crate) const INPUT_FIELD: &str = "SonoweaveInput";
+/// Header field with the volume's frame.
+pub(crate) const FRAME_FIELD: &str = "SonoweaveFrame";
+
+/// Returns a field of a volume's header.
+pub(crate) fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
+    fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
+}
+
 /// A volume that is read slice by slice, with its weights if it holds them itself.
 pub(crate) struct VolumeInput {
     pub(crate) values: Box<dyn VolumeSlices>,

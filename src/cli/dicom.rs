@@ -34,12 +34,8 @@ use crate::app::convert::identity;
 use crate::app::input;
 use crate::app::json::JsonFlag;
 use crate::app::reconstruct::filling::advised;
+use crate::app::volume_input::{FRAME_FIELD, INPUT_FIELD, field};
 use flags::DicomFlags;
-
-/// Header field with the recording's name and hash.
-const INPUT_FIELD: &str = "SonoweaveInput";
-/// Header field with the name of the volume's frame.
-const FRAME_FIELD: &str = "SonoweaveFrame";
 
 /// Flags of `dicom`.
 #[derive(Debug, Args)]
@@ -109,11 +105,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     print_line!("{}: {summary}", output.display());
     arguments.json.write(&Report { input, output, content: &summary })
-}
-
-/// Returns a file's header field.
-fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
-    fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
 }
 
 fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {

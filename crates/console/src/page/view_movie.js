@@ -30,7 +30,7 @@ export class ViewMovie {
     this.open.kind = this.#kind ?? null;
     // Without an encoder, a button would promise too much.
     button.hidden = this.#kind === undefined;
-    button.addEventListener("click", () => (this.#recorder ? this.#recorder.stop() : this.#begin()));
+    button.addEventListener("click", () => (this.#recorder ? stop(this.#recorder) : this.#begin()));
   }
 
   #begin() {
@@ -53,7 +53,7 @@ export class ViewMovie {
     const show = () => {
       const seconds = Math.floor((performance.now() - began) / 1000);
       this.#time.textContent = `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
-      if (seconds * 1000 >= LONGEST_MS) recorder.stop();
+      if (seconds * 1000 >= LONGEST_MS) stop(recorder);
     };
     show();
     this.#clock = setInterval(show, 500);
@@ -80,6 +80,11 @@ export class ViewMovie {
     this.open.movies += 1;
     this.#speak(`The movie is saved as ${name}`);
   }
+}
+
+// Ends a recording, unless it is ending already: a second click or the clock may come before that.
+function stop(recorder) {
+  if (recorder.state !== "inactive") recorder.stop();
 }
 
 // Returns local date and time for a file name.

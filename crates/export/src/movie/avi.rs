@@ -10,7 +10,7 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use super::reel::Reel;
 
 /// Quality of the JPEG pictures, of 100.
-pub(super) const QUALITY: u8 = 92;
+const QUALITY: u8 = 92;
 /// Bytes before the first picture.
 const HEADER: usize = 224;
 /// Most bytes that all players read.
