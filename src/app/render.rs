@@ -23,6 +23,7 @@ use simd::team::Team;
 
 use config::view_settings::Mode;
 use render::camera::View;
+use render::classify::soft::SoftLight;
 use render::settings::team;
 use render::{Cache, RenderRegion, RenderSettings};
 use statistics::PictureNumbers;
@@ -47,6 +48,8 @@ struct Statistics<'a> {
     source: Source<'a>,
     mode: &'static str,
     transfer: &'a str,
+    /// Preset of soft light.
+    soft: Option<&'a str>,
     window: [f32; 2],
     perspective: Option<f64>,
     step: f64,
@@ -85,6 +88,8 @@ struct Drawn {
     /// Bands of rows, one rendered after the other, and the memory of the compositor of one; `null`
     /// without parts.
     bands: u32,
+    /// Bricks smoothed for soft light.
+    bricks_smoothed: Option<u64>,
     compositor_bytes: Option<u64>,
     /// Time to set up the rays.
     prepare_ms: f64,
@@ -173,6 +178,7 @@ impl Request<'_> {
             drawn,
             view: [view.azimuth, view.elevation, view.roll],
             bands: finished.bands,
+            bricks_smoothed: finished.soft.map(|work| work.bricks_smoothed),
             compositor_bytes: finished.compositor_bytes,
             prepare_ms: finished.prepare_ms,
             shade_ms: finished.shade_ms,
@@ -196,7 +202,8 @@ impl Request<'_> {
         let statistics = Statistics {
             source: Source::new(self, scene.volume),
             mode: settings.mode.name(),
-            transfer: look.view.transfer_name(),
+            transfer: look.transfer_name(),
+            soft: look.soft.as_deref(),
             window: scene.window,
             perspective: look.view.perspective,
             step: look.view.step,
@@ -251,6 +258,7 @@ pub(crate) struct Scene<'a> {
     volume: &'a RenderVolume,
     window: [f32; 2],
     settings: RenderSettings,
+    soft: Option<SoftLight>,
     region: RenderRegion,
     team: Option<Arc<Team>>,
     memory_bytes: u64,
@@ -272,16 +280,26 @@ impl<'a> Scene<'a> {
         let window = window.unwrap_or_else(|| volume.range(team.as_deref()));
         volume.check()?;
         let placed = volume.placed();
-        let settings = RenderSettings { cache: Cache::None, ..look.settings(window, placed.slice_axes(), threads)? };
+        let mut settings =
+            RenderSettings { cache: Cache::None, ..look.settings(window, placed.slice_axes(), threads)? };
+        let mut soft = None;
+        if let Some(name) = &look.soft {
+            let (light, transfer) = SoftLight::preset(name, window.map(f64::from))?;
+            soft = Some(light);
+            if look.view.transfer.is_none() {
+                settings.transfer = transfer;
+            }
+        }
         let [low, high] = placed.bounds();
         let region = RenderRegion::new(placed.world_from_lattice(), low, high)?;
-        Ok(Self { volume, window, settings, region, team, memory_bytes })
+        Ok(Self { volume, window, settings, soft, region, team, memory_bytes })
     }
 
     fn rays<'b>(&'b self, settings: &'b RenderSettings) -> Rays<'b> {
         Rays {
             volume: self.volume,
             settings,
+            soft: self.soft.as_ref(),
             region: self.region,
             team: self.team.as_deref(),
             memory_bytes: self.memory_bytes,

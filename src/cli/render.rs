@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use config::view_settings::Draw;
 use export::movie::Format;
 use render::camera::View;
+use render::classify::soft::SoftLight;
 
 use super::Failure;
 use super::progress::{say, steps};
@@ -67,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         "{name}: {width}×{height} pixels of {}, {}, {}, from {azimuth}°, {elevation}°{}, in {:.0} ms",
         volume.display(),
         look.view.mode.name(),
-        look.view.transfer_name(),
+        look.transfer_name(),
         if roll == 0.0 { String::new() } else { format!(", rolled {roll}°") },
         wall_s * 1e3
     );
@@ -135,7 +136,13 @@ impl Arguments {
                 --weights`"
             );
         }
-        self.view_flags.look()
+        if let Some(name) = &self.soft {
+            if self.view_flags.mode != Mode::Shaded {
+                fail_usage!("--soft: applies to --mode shaded only; leave one of both out");
+            }
+            SoftLight::preset(name, [0.0, 1.0]).map_err(|error| Failure::usage(format!("--soft: {error}")))?;
+        }
+        Ok(Look { soft: self.soft.clone(), ..self.view_flags.look()? })
     }
 }
 

@@ -191,6 +191,32 @@ fn empty_volume_gives_background_and_a_message() {
 }
 
 #[test]
+fn soft_light_has_colours_and_opacities_of_its_preset() {
+    let place = ball();
+    let render = |words: &str| {
+        place.does(&format!("render v.mha -o p.png --image-size 60x50 --json=s.json {words}"));
+        (pixels(&place, "p.png"), place.json("s.json"))
+    };
+    let (skin, said) = render("--soft portrait --threads 1");
+    assert_eq!((&said["soft"], &said["transfer"]), (&"portrait".into(), &"portrait".into()));
+    assert!(said["pictures"][0]["bricks_smoothed"].as_u64().unwrap() > 0, "{said}");
+    let coloured = skin.pixels().filter(|p| p.0[0] > p.0[2] + 20).count();
+    assert!(coloured > 50, "skin is redder than blue: {coloured} pixels");
+    let (again, _) = render("--soft portrait --threads 3");
+    assert!(again == skin, "any threads");
+    let (direct, said) = render("--transfer phantom");
+    assert!(said["soft"].is_null() && said["pictures"][0]["bricks_smoothed"].is_null());
+    assert!(direct.pixels().all(|p| p.0[0] == p.0[2]));
+    let (other, said) = render("--soft portrait --transfer xray");
+    assert_eq!(said["transfer"], "xray");
+    assert!(other != skin, "opacities of --transfer");
+    // The light follows the view: a turntable's picture does not depend on those before it.
+    place.does("render v.mha -o t.png --image-size 60x50 --soft portrait --turntable 4 --view 30,20");
+    place.does("render v.mha -o u.png --image-size 60x50 --soft portrait --turntable 2 --view 120,20");
+    assert!(place.get("u-000.png") == place.get("t-001.png"));
+}
+
+#[test]
 fn impossible_pictures_are_refused() {
     let place = ball();
     let header = VolumeHeader { channels: 2, ..VolumeHeader::new([2, 2, 2], PixelType::U8) };
@@ -221,6 +247,9 @@ fn impossible_pictures_are_refused() {
         ("render v.mha -o p.png --parts 2 --adaptive 0.02", &["--parts: ", "2 parts", "adaptive 0"]),
         ("render v.mha -o p.png --mode slice --parts 2", &["--parts"]),
         ("render v.mha -o p.png --max-memory 1e-6", &["v.mha", "--max-memory"]),
+        ("render v.mha -o p.png --soft skin", &["--soft: no soft light", "portrait, bone, vessel and glass"]),
+        ("render v.mha -o p.png --soft bone --mode mip", &["--soft: applies to --mode shaded only"]),
+        ("render v.mha -o p.png --soft bone --max-memory 2e-4", &["--soft: ", "--max-memory"]),
     ] {
         place.refuses(words, says);
     }

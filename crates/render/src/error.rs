@@ -1,5 +1,6 @@
 //! Reasons why no picture can be rendered.
 
+use super::classify::soft::names;
 use super::view::{self, View};
 
 /// Reason why no picture can be rendered.
@@ -41,6 +42,18 @@ pub enum RenderError {
         low: [i64; 3],
         /// Last voxel.
         high: [i64; 3],
+    },
+    /// No soft light of this name.
+    #[error("no soft light is called \"{name}\"; give one of {names}", names = names::names())]
+    SoftName {
+        /// The name.
+        name: String,
+    },
+    /// A range of intensities for which no soft light can be made.
+    #[error("soft light needs a range of grey values that is finite and not empty, not {} to {}", range[0], range[1])]
+    SoftRange {
+        /// Black and white.
+        range: [f64; 2],
     },
     /// An operation of a crop that is impossible.
     #[error("operation {number} of the crop: {problem}")]

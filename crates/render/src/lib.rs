@@ -11,6 +11,7 @@
 //!   and `elementary`.
 //! - `rays`: samples of rays, their composition, kept samples, and the D-buffer. `layers`: a
 //!   picture's voxels and rows.
+//! - [`soft`]: smoothed volumes with soft shadows, for views at rest.
 //! - `refine`: the first coarse picture of a new view, its refinement to the exact one, and
 //!   fewer rays where the picture is even.
 //! - [`partition`]: the same for workers that each hold a part of the volume.
@@ -45,6 +46,7 @@ pub mod section;
 pub mod settings;
 mod shaded;
 mod snapshot;
+pub mod soft;
 mod stock;
 mod view;
 mod voxels;

@@ -66,6 +66,9 @@ pub trait Number:
     /// Returns 2^self − 1 for self ≤ 0, accurate near 0.
     fn exp2_m1(self) -> Self;
 
+    /// Returns the soft light at a region position.
+    fn light_at(at: [Self; 3], field: &impl Field) -> [Self; 4];
+
     /// 0.
     #[inline(always)]
     fn zero() -> Self {
@@ -112,6 +115,12 @@ pub trait Number:
     }
 }
 
+/// Light at places of a volume.
+pub trait Field {
+    /// Returns the light in red, green and blue, and from all sides, at a region position.
+    fn at<T: Real>(&self, at: [T; 3]) -> [T; 4];
+}
+
 /// f32 or f64.
 pub trait Real: Number<Scalar = Self, Mask = bool> + Debug + PartialOrd + Send + Sync {
     /// 0.
@@ -121,6 +130,9 @@ pub trait Real: Number<Scalar = Self, Mask = bool> + Debug + PartialOrd + Send +
 
     /// Returns whether this is not a number.
     fn is_nan(self) -> bool;
+
+    /// Returns the whole part of a number that is not negative.
+    fn whole(self) -> usize;
 
     /// Returns a curve's points in this type.
     fn knots<const N: usize>(curve: &Piecewise<N>) -> &[Knot<Self, N>];

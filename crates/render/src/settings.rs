@@ -8,6 +8,7 @@ use simd::team::Team;
 use super::RenderError;
 use super::camera::View;
 use super::classify::light::Light;
+use super::classify::soft::SoftShade;
 use super::classify::transfer::Transfer;
 use super::crop::Crop;
 use super::mode::{Mode, VoxelData};
@@ -73,6 +74,8 @@ pub struct RenderSettings {
     pub crop: Crop,
     /// The light.
     pub light: Light,
+    /// Soft light instead of it, made by [`crate::soft`] for one view and volume.
+    pub soft: Option<SoftShade>,
     /// Samples of a composited block; `None` for [`usual_arity`].
     pub arity: Option<u32>,
     /// A ray ends when its transmittance is below this, 0 to 1; 0 casts all.
@@ -105,6 +108,7 @@ impl RenderSettings {
             transfer,
             crop: Crop::default(),
             light: Light::default(),
+            soft: None,
             arity: None,
             stop: STOP,
             adaptive: 0.0,

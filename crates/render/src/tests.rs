@@ -5,6 +5,7 @@ mod pick;
 mod reading;
 mod refine;
 mod slab;
+mod soft;
 
 use crate::classify::light::{self, Light};
 use crate::classify::transfer::{Colour, Curve, Opacity, Transfer};

@@ -15,9 +15,17 @@ pub(crate) struct Look {
     /// Colour behind the volume, 0 to 1.
     pub(crate) background: [f32; 3],
     pub(crate) planar: Planes,
+    /// Name of the soft light, if any.
+    pub(crate) soft: Option<String>,
 }
 
 impl Look {
+    /// Returns the name of the transfer function in reports: that of the soft light, if it has its
+    /// own.
+    pub(crate) fn transfer_name(&self) -> &str {
+        self.soft.as_deref().filter(|_| self.view.transfer.is_none()).unwrap_or_else(|| self.view.transfer_name())
+    }
+
     /// Returns the render settings for a volume with these slice axes, and grey values from
     /// black to white over `range`.
     ///

@@ -291,6 +291,7 @@ pub(super) fn composite(rays: &Rays<'_>, level: &LevelOnDisk, messages: Vec<Name
     let camera = Camera::new(&rays.settings.view, rays.settings.size, rays.settings.step, &rays.region)?;
     let parts = PartNumbers { parts: first.parts as u32, samples: camera.samples(), arity, ..PartNumbers::default() };
     Ok(Finished {
+        soft: None,
         picture: Picture { size: rays.settings.size, pixels },
         camera,
         numbers: PictureNumbers::of_parts(rays.settings, parts),

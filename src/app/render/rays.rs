@@ -5,7 +5,9 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use render::camera::Camera;
+use render::classify::soft::SoftLight;
 use render::partition::Message;
+use render::soft::{self, SoftWork};
 use render::{Compositor, Part, Picture, Plan, RenderMemory, RenderRegion, RenderSettings, RenderWork, Renderer};
 use simd::team::Team;
 use statistics::{PartNumbers, PictureNumbers};
@@ -20,6 +22,7 @@ use crate::failure::{Failure, FailureKind};
 pub(super) struct Rays<'a> {
     pub(super) volume: &'a RenderVolume,
     pub(super) settings: &'a RenderSettings,
+    pub(super) soft: Option<&'a SoftLight>,
     pub(super) region: RenderRegion,
     pub(super) team: Option<&'a Team>,
     /// Limit of memory, of which chunks take a quarter, voxels a half, and rays the rest.
@@ -33,6 +36,8 @@ pub(super) struct Finished {
     pub(super) numbers: PictureNumbers,
     /// Bands of rows, one rendered after the other.
     pub(super) bands: u32,
+    /// Work for soft light.
+    pub(super) soft: Option<SoftWork>,
     /// Memory of the compositor; `None` without parts.
     pub(super) compositor_bytes: Option<u64>,
     /// Time to set up the rays, to read, and to shade and cast, ms.
@@ -50,6 +55,9 @@ impl Rays<'_> {
     /// # Errors
     /// [`Failure`] when memory does not suffice, or a chunk cannot be read.
     pub(super) fn picture(&self) -> Result<Finished, Failure> {
+        if let Some(light) = self.soft {
+            return self.in_soft_light(light);
+        }
         let level = match self.volume {
             RenderVolume::Dense(dense) => {
                 return self.whole(|renderer| {
@@ -98,6 +106,30 @@ impl Rays<'_> {
         Ok(finished)
     }
 
+    /// Renders the picture in soft light.
+    fn in_soft_light(&self, light: &SoftLight) -> Result<Finished, Failure> {
+        let began = Instant::now();
+        let bricks = self.volume.values().bricks().count() as u64;
+        let most_bytes = soft::most_bytes(&self.region, bricks);
+        if most_bytes > self.memory_bytes {
+            return Err(Failure::new(format!(
+                "--soft: the smoothed volume and its light would take up to {} MB, more than --max-memory; raise it, \
+                 leave --soft out, or give a coarser --level",
+                most_bytes.div_ceil(1_000_000)
+            ))
+            .of(FailureKind::Memory));
+        }
+        let (renderer, work) = soft::render(self.volume.values(), self.settings, light, &self.region)?;
+        self.volume.check()?;
+        let numbers = PictureNumbers::of(&renderer, self.settings.size);
+        // The light belongs to this view: the renderer makes no other picture.
+        Ok(Finished {
+            soft: Some(work),
+            renderer: None,
+            ..finished(renderer, numbers, [0.0, 0.0, milliseconds(began)])
+        })
+    }
+
     /// Most bytes of voxels and of rays.
     pub(super) fn limits(&self) -> [u64; 2] {
         [self.memory_bytes / 2, self.memory_bytes / 4]
@@ -139,6 +171,7 @@ impl Rays<'_> {
             camera: Camera::new(&self.settings.view, self.settings.size, self.settings.step, &self.region)?,
             numbers: PictureNumbers::of_parts(self.settings, PartNumbers::default()),
             bands: plan.bands,
+            soft: None,
             compositor_bytes: Some(0),
             prepare_ms: milliseconds(began),
             shade_ms: 0.0,
@@ -217,6 +250,7 @@ fn finished(renderer: Renderer, numbers: PictureNumbers, [prepare_ms, shade_ms, 
         camera: *renderer.camera(),
         numbers,
         bands: 1,
+        soft: None,
         compositor_bytes: None,
         prepare_ms,
         shade_ms,

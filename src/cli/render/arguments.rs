@@ -48,6 +48,11 @@ pub struct Arguments {
     pub(super) turntable: Option<u16>,
     #[command(flatten)]
     pub(super) movie_rate: MovieRate,
+    /// Light the volume softly: smoothed, with shadows and light that goes through thin parts. The
+    /// preset (portrait, bone, vessel, glass) has opacities of its own, unless --transfer gives
+    /// them
+    #[arg(long, value_name = "PRESET", conflicts_with_all = ["part", "composite", "parts", "adaptive"])]
+    pub(super) soft: Option<String>,
     /// Threads; any number gives the same picture [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,

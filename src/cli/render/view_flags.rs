@@ -104,7 +104,7 @@ impl ViewFlags {
         let crop = self.crop.as_deref().map(Crop::read).transpose().map_err(config::Error::from)?;
         let view = ViewSettings { crop: crop.unwrap_or_default(), ..self.view_settings(self.lighting.light()?) };
         view.check().map_err(Failure::flag)?;
-        Ok(Look { view, background: self.background, planar: self.planar.planes()? })
+        Ok(Look { view, background: self.background, planar: self.planar.planes()?, soft: None })
     }
 
     fn view_settings(&self, light: Light) -> ViewSettings {

@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::classify::gradient::gradient;
-use crate::classify::light::Light;
+use crate::classify::light::{Light, Source};
+use crate::classify::soft::SoftShade;
 use crate::classify::transfer::Transfer;
 use crate::mode::VoxelData;
 use crate::real::{Number, Real, dot};
@@ -25,6 +26,7 @@ pub(crate) struct Lit<T, const C: usize> {
 pub(crate) struct Shader<S> {
     transfer: Transfer,
     light: Light,
+    soft: Option<SoftShade>,
     keeps: VoxelData,
     /// Whether lighting applies; otherwise tissue is evenly white.
     is_lit: bool,
@@ -46,9 +48,9 @@ pub(crate) struct Shader<S> {
 /// An interval that holds no value.
 const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
-/// Returns the first few of four numbers.
+/// Returns the first few of some numbers; if there are fewer, the first in place of the others.
 #[inline(always)]
-fn first<T: Copy, const C: usize>(of: [T; 4]) -> [T; C] {
+fn first<T: Copy, const N: usize, const C: usize>(of: [T; N]) -> [T; C] {
     let mut first = [of[0]; C];
     for (first, of) in first.iter_mut().zip(of) {
         *first = of;
@@ -63,7 +65,11 @@ impl<S: Real> Shader<S> {
         let axes = [matrix.x_axis / spacing.x, matrix.y_axis / spacing.y, matrix.z_axis / spacing.z];
         let along = |v: DVec3| axes.map(|axis| S::from_f64(axis.dot(v)));
         let to_eye = -camera.axes().forward;
-        let (to_light, halfway) = settings.light.directions(to_eye);
+        let light = match &settings.soft {
+            Some(soft) => settings.light.with_source(Source::Fixed(soft.to_light())).unwrap_or(settings.light),
+            None => settings.light,
+        };
+        let (to_light, halfway) = light.directions(to_eye);
         let depth = |at: DVec3| camera.depth(at, region);
         let from = depth(DVec3::ZERO);
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| depth(axis) - from);
@@ -78,11 +84,12 @@ impl<S: Real> Shader<S> {
         };
         Self {
             transfer: settings.transfer.clone(),
-            light: settings.light,
+            light,
+            soft: settings.soft.clone(),
             keeps,
             is_lit: settings.mode.is_lit(),
             isovalue: settings.mode.isovalue().map(S::from_f64),
-            is_grey: settings.mode.is_grey(&settings.transfer),
+            is_grey: settings.soft.is_none() && settings.mode.is_grey(&settings.transfer),
             visible: visible.map(S::from_f64),
             hides_flat: keeps == VoxelData::Lit && transfer.visible_below(0.0) != transfer.visible(),
             step_mm: S::from_f64(camera.step_mm()),
@@ -249,6 +256,13 @@ impl<S: Real> Shader<S> {
     /// Applies the light and the depth cue to colours, and premultiplies them by their opacity.
     #[inline(always)]
     fn seen<T: Number<Scalar = S>, const C: usize>(&self, mut lit: Lit<T, C>, slope: [T; 3], at: [T; 3]) -> Lit<T, C> {
+        if let Some(soft) = &self.soft {
+            let colour = soft.colour(first(lit.colour), slope, [self.to_light, self.halfway], at, self.pitch_mm);
+            for c in 0..C {
+                lit.colour[c] = colour[c.min(2)] * lit.alpha;
+            }
+            return lit;
+        }
         let shade = self.light.shade(slope, self.to_light, self.halfway);
         let strength = match self.light.depth_cue() {
             Some(cue) => {

@@ -1,9 +1,9 @@
 //! f32, f64 and lanes of f32 as numbers of the formulas.
 
-use simd::portable;
 use simd::wide::{self, Set, Wide};
+use simd::{LANES, portable};
 
-use super::{Number, Real, Single};
+use super::{Field, Number, Real, Single};
 use crate::classify::transfer::knots::{Knot, Piecewise};
 use crate::elementary;
 
@@ -72,6 +72,11 @@ macro_rules! real {
             fn exp2_m1(self) -> Self {
                 $exp2_m1(self)
             }
+
+            #[inline(always)]
+            fn light_at(at: [Self; 3], field: &impl Field) -> [Self; 4] {
+                field.at(at)
+            }
         }
 
         impl Real for $kind {
@@ -81,6 +86,11 @@ macro_rules! real {
             #[inline(always)]
             fn is_nan(self) -> bool {
                 <$kind>::is_nan(self)
+            }
+
+            #[inline(always)]
+            fn whole(self) -> usize {
+                self as usize
             }
 
             #[inline(always)]
@@ -181,6 +191,22 @@ impl<S: Set> Number for Wide<S> {
     #[inline(always)]
     fn exp2_m1(self) -> Self {
         elementary::exp2_m1(self)
+    }
+
+    #[inline(always)]
+    fn light_at(at: [Self; 3], field: &impl Field) -> [Self; 4] {
+        let mut places = [[0.0; LANES]; 3];
+        for (place, at) in places.iter_mut().zip(at) {
+            at.store(place);
+        }
+        let mut light = [[0.0; LANES]; 4];
+        for lane in 0..LANES {
+            let of = field.at([places[0][lane], places[1][lane], places[2][lane]]);
+            for (light, of) in light.iter_mut().zip(of) {
+                light[lane] = of;
+            }
+        }
+        [Self::load(&light[0]), Self::load(&light[1]), Self::load(&light[2]), Self::load(&light[3])]
     }
 
     #[inline(always)]
