@@ -11,6 +11,7 @@ use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 use super::uid::uid;
 use super::{ExportError, Identifiers};
 use formats::whole::write_whole;
+use volume::Grid;
 
 /// Elements of a data set, or of an item of a sequence.
 #[derive(Debug, Clone)]
@@ -41,6 +42,12 @@ impl Dataset {
 
     pub(super) fn put(mut self, tag: Tag, vr: VR, value: impl Into<PrimitiveValue>) -> Self {
         self.0.put(DataElement::new(tag, vr, value.into()));
+        self
+    }
+
+    /// Removes an element.
+    pub(super) fn without(mut self, tag: Tag) -> Self {
+        self.0.remove_element(tag);
         self
     }
 
@@ -155,6 +162,15 @@ impl Image<'_> {
         }
         dataset
     }
+}
+
+/// Returns the distances of a volume's voxels.
+pub(super) fn pixel_measures(grid: &Grid) -> Dataset {
+    // Spacing between rows, then between columns.
+    Dataset::new()
+        .decimals(tags::PIXEL_SPACING, [grid.spacing.y, grid.spacing.x])
+        .decimals(tags::SLICE_THICKNESS, [grid.spacing.z])
+        .decimals(tags::SPACING_BETWEEN_SLICES, [grid.spacing.z])
 }
 
 /// Frames of grey values, and their storage type.

@@ -4,6 +4,7 @@
 //!   the volume's frame of reference.
 //! - [`sweep`]: a sweep as Ultrasound Multi-frame Image Storage, with the time of each frame,
 //!   and its pose in a private element.
+//! - [`segmentation`]: a region as a binary Segmentation, a plane a frame.
 //! - `block`: our private elements, which `formats` reads.
 //! - [`identifiers`]: identifiers of the patient and the study: only what the user gives.
 //! - `uid`: unique identifiers, derived from the content.
@@ -37,6 +38,7 @@
 //! mm: it is not a patient's.
 
 pub mod identifiers;
+pub mod segmentation;
 pub mod sweep;
 pub mod volume;
 

@@ -13,6 +13,7 @@ use volume::Grid;
 
 use super::dataset::decimal;
 use super::identifiers::Identifiers;
+use super::segmentation::Segmentation;
 use super::sweep::{Sweep, SweepFrame};
 use super::volume::VolumeImage;
 use crate::ExportError;
@@ -264,4 +265,52 @@ fn decimal_strings_fit_sixteen_characters() {
         let back: f64 = text.parse().unwrap();
         assert!(text.len() <= 16 && (back / value - 1.0).abs() < 1e-9, "{text}");
     }
+}
+
+#[test]
+fn segmentation_has_bits_of_its_planes_at_their_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.dcm");
+    let (grid, identifiers) = (grid(), Identifiers::default());
+    let region = Segmentation {
+        grid: &grid,
+        settings: "a region",
+        recording: "a hash",
+        world: "Reference",
+        identifiers: &identifiers,
+    };
+    // Planes 1 and 3 have voxels, of 15 each, so that the second begins within a byte.
+    let is_inside = |x: u64, y: u64, z: u64| z % 2 == 1 && (x + 2 * y + z).is_multiple_of(3);
+    let fill = |y, z, row: &mut [bool]| row.iter_mut().zip(0..).for_each(|(to, x)| *to = is_inside(x, y, z));
+    region.write(&path, fill).unwrap();
+    let read = open_file(&path).unwrap();
+    assert_eq!(text(&read, tags::SOP_CLASS_UID), uids::SEGMENTATION_STORAGE);
+    assert_eq!((text(&read, tags::MODALITY), text(&read, tags::SEGMENTATION_TYPE)), ("SEG".into(), "BINARY".into()));
+    let number = |tag| read.element(tag).unwrap().to_int::<u32>().unwrap();
+    let [columns, rows, frames, bits] =
+        [tags::COLUMNS, tags::ROWS, tags::NUMBER_OF_FRAMES, tags::BITS_ALLOCATED].map(number);
+    assert_eq!([columns, rows, frames, bits], [5, 3, 2, 1]);
+    let bytes = read.element(tags::PIXEL_DATA).unwrap().to_bytes().unwrap().into_owned();
+    assert_eq!(bytes.len(), 4);
+    let planes = read.element(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE).unwrap().items().unwrap();
+    for (frame, z) in [(0, 1), (1, 3)] {
+        for (n, (x, y)) in (0..3).flat_map(|y| (0..5).map(move |x| (x, y))).enumerate() {
+            let at = 15 * frame + n;
+            assert_eq!((bytes[at / 8] >> (at % 8)) & 1 == 1, is_inside(x, y, z), "{x} {y} {z}");
+        }
+        let position = planes[frame].element(tags::PLANE_POSITION_SEQUENCE).unwrap().items().unwrap()[0]
+            .element(tags::IMAGE_POSITION_PATIENT)
+            .unwrap()
+            .to_multi_float64()
+            .unwrap();
+        let expected = grid.world_from_volume().point(DVec3::new(0.0, 0.0, z as f64));
+        assert!(DVec3::from_slice(&position).distance(expected) < 1e-9, "{position:?}");
+    }
+    let first = std::fs::read(&path).unwrap();
+    region.write(&path, fill).unwrap();
+    assert!(std::fs::read(&path).unwrap() == first, "other bytes");
+    assert!(text(&read, tags::IMAGE_COMMENTS).contains("a region"));
+    is_for_research(&read);
+    let none = region.write(&folder.path().join("n.dcm"), |_, _, _| ());
+    assert!(matches!(none, Err(ExportError::NoFrame)) && !folder.path().join("n.dcm").exists());
 }

@@ -11,7 +11,7 @@ use sonoweave_core::NOTICE;
 use volume::Grid;
 
 use super::block::PrivateBlock;
-use super::dataset::{Dataset, Image, Pixels, write};
+use super::dataset::{Dataset, Image, Pixels, pixel_measures, write};
 use super::{ExportError, Identifiers, bytes, edges};
 use crate::volume::Scalar;
 
@@ -200,14 +200,7 @@ impl VolumeImage<'_> {
         let [x, y] = [grid.direction.x_axis, grid.direction.y_axis].map(|axis| axis.to_array());
         let top = f64::from(self.scalar.top());
         Dataset::new()
-            .sequence(
-                tags::PIXEL_MEASURES_SEQUENCE,
-                // Spacing between rows, then between columns.
-                [Dataset::new()
-                    .decimals(tags::PIXEL_SPACING, [grid.spacing.y, grid.spacing.x])
-                    .decimals(tags::SLICE_THICKNESS, [grid.spacing.z])
-                    .decimals(tags::SPACING_BETWEEN_SLICES, [grid.spacing.z])],
-            )
+            .sequence(tags::PIXEL_MEASURES_SEQUENCE, [pixel_measures(grid)])
             .sequence(
                 tags::PLANE_ORIENTATION_VOLUME_SEQUENCE,
                 [Dataset::new().doubles(tags::IMAGE_ORIENTATION_VOLUME, x.into_iter().chain(y))],
