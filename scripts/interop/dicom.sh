@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Tests that other programs accept our DICOM. dciodvfy (dicom3tools) finds no error in a volume and
-# a sweep. pydicom reads the same voxels in the same places. We read both back to the bit, and a
-# volume that pydicom has written without our private elements. An Orthanc server on loopback stores
-# both and returns the same bytes.
+# Tests that other programs accept our DICOM. dciodvfy (dicom3tools) finds no error in a volume, a
+# sweep and a region. pydicom reads the same voxels in the same places. We read volume and sweep
+# back to the bit, and a volume that pydicom has written without our private elements. An Orthanc
+# server on loopback stores all and returns the same bytes.
 #
 # `make interop` installs the other programs first. Nothing is left running; the files stay in
 # out/dicom.
@@ -38,6 +38,11 @@ who=(--patient-name "Müller^Jörg" --patient-id 4711 --study-description "Phant
     "$program" dicom volume.mha -o again.dcm "${who[@]}"
     "$program" dicom sweep.mha -o sweep.dcm "${who[@]}"
     "$program" dicom sweep.mha -o nobody.dcm
+    seed=$("$python" ../../scripts/interop/dicom_check.py --brightest turned.mha)
+    region=(region turned.mha "--seed=$seed" --smooth 0 --range 1,65535 --limit 10000)
+    "$program" "${region[@]}" -o region.dcm "${who[@]}"
+    "$program" "${region[@]}" -o packed.mha
+    "$program" convert packed.mha -o region.mha
     for name in volume turned sweep; do
         "$program" convert "$name.dcm" -o "$name-back.mha"
     done
@@ -51,7 +56,7 @@ for file in "$place"/*.dcm; do
         grep '^Error\|- Error' "$file.txt" >&2
         fail "dciodvfy finds errors in $file"
     fi
-    grep -q '^EnhancedUltrasoundVolume$\|^USMultiFrameImage$' "$file.txt" || fail "dciodvfy does not know what $file is"
+    grep -q '^EnhancedUltrasoundVolume$\|^USMultiFrameImage$\|^Segmentation$' "$file.txt" || fail "dciodvfy does not know what $file is"
     say "$(basename "$file"): $(grep '^[A-Z][A-Za-z]*$' "$file.txt"), no error"
 done
 

@@ -46,6 +46,38 @@ def volume(folder, name):
     return image
 
 
+def region(folder):
+    image = pydicom.dcmread(folder / "region.dcm")
+    fields, labels = metaimage(folder / "region.mha")
+    assert image.SOPClassUID == "1.2.840.10008.5.1.4.1.1.66.4", image.SOPClassUID
+    assert (image.Modality, image.SegmentationType, image.BitsAllocated) == ("SEG", "BINARY", 1)
+    planes = [z for z in range(len(labels)) if (labels[z] == 1).any()]
+    pixels = image.pixel_array.reshape(-1, image.Rows, image.Columns)
+    assert set(numpy.unique(labels)) <= {0, 1, 255} and 0 < len(planes) == image.NumberOfFrames
+    assert numpy.array_equal(pixels, labels[planes] == 1), "region: other voxels"
+    spacing, origin = numbers(fields["ElementSpacing"]), numbers(fields["Offset"])
+    axes = numbers(fields["TransformMatrix"]).reshape(3, 3)
+    shared = image.SharedFunctionalGroupsSequence[0]
+    along = numpy.array(shared.PlaneOrientationSequence[0].ImageOrientationPatient, float).reshape(2, 3)
+    rows, columns = (float(mm) for mm in shared.PixelMeasuresSequence[0].PixelSpacing)
+    for n, z in enumerate(planes):
+        frame = image.PerFrameFunctionalGroupsSequence[n]
+        corner = numpy.array(frame.PlanePositionSequence[0].ImagePositionPatient, float)
+        ours, theirs = origin + numpy.array([5, 7, z]) * spacing @ axes, corner + along.T @ [5 * columns, 7 * rows]
+        assert numpy.abs(ours - theirs).max() < 1e-6, f"region: plane {z} at {theirs}, not {ours}"
+    print(f"region.dcm: {(pixels == 1).sum()} voxels in {len(planes)} planes, the same, in the same places")
+    return image
+
+
+def brightest(path):
+    """Prints the place of the brightest voxel."""
+    fields, voxels = metaimage(path)
+    voxel = numpy.array(numpy.unravel_index(voxels.argmax(), voxels.shape))[::-1]
+    axes = numbers(fields["TransformMatrix"]).reshape(3, 3)
+    place = numbers(fields["Offset"]) + voxel * numbers(fields["ElementSpacing"]) @ axes
+    print(",".join(map(str, place.tolist())))
+
+
 def sweep(folder):
     image = pydicom.dcmread(folder / "sweep.dcm")
     fields, pixels = metaimage(folder / "sweep.mha")
@@ -88,7 +120,9 @@ def main():
     for name in ("volume", "turned", "sweep"):
         read_back(folder, name)
     images = [volume(folder, "volume"), sweep(folder)]
-    volume(folder, "turned")
+    turned, seg = volume(folder, "turned"), region(folder)
+    for name in ("StudyInstanceUID", "FrameOfReferenceUID"):
+        assert seg[name].value == turned[name].value, f"{name} of the region and of its volume"
     for image in images:
         who = (str(image.PatientName), image.PatientID, image.StudyDescription)
         assert who == ("Müller^Jörg", "4711", "Phantom study"), who
@@ -100,4 +134,7 @@ def main():
     print("identifiers are those that were given")
 
 
-main()
+if sys.argv[1] == "--brightest":
+    brightest(Path(sys.argv[2]))
+else:
+    main()

@@ -8,6 +8,7 @@
 
 pub(crate) mod batch;
 pub mod calibrate;
+pub(crate) mod contours;
 pub mod convert;
 pub(crate) mod correct;
 pub mod devices;
@@ -17,11 +18,13 @@ pub(crate) mod igtl;
 pub(crate) mod init;
 pub mod input;
 pub(crate) mod json;
+pub(crate) mod labels;
 pub(crate) mod live;
 pub(crate) mod part;
 pub(crate) mod provenance;
 pub(crate) mod pseudonym;
 pub(crate) mod reconstruct;
+pub(crate) mod region;
 pub(crate) mod render;
 pub(crate) mod replay;
 pub(crate) mod reporter;

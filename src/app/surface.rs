@@ -46,10 +46,10 @@ pub(crate) struct Request<'a> {
 
 /// The measures of a mesh.
 #[derive(Debug, Serialize)]
-struct Measures {
+pub(crate) struct Measures {
     area_mm2: f64,
     /// `null` for an open surface.
-    volume_mm3: Option<f64>,
+    pub(crate) volume_mm3: Option<f64>,
 }
 
 /// A surface, in its JSON form.
@@ -79,11 +79,11 @@ pub(crate) struct Made {
 }
 
 impl Measures {
-    fn of(mesh: &Mesh, topology: &Topology) -> Self {
+    pub(crate) fn of(mesh: &Mesh, topology: &Topology) -> Self {
         Self { area_mm2: area_mm2(mesh), volume_mm3: volume_mm3(mesh, topology).ok() }
     }
 
-    fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let area = format!("area {:.2} cm²", self.area_mm2 / 100.0);
         match self.volume_mm3 {
             Some(volume) => format!("{area}, volume {:.3} ml", volume / 1000.0),

@@ -8,6 +8,7 @@ pub mod batch;
 pub mod calibrate;
 pub mod compare;
 pub mod completions;
+pub mod contours;
 pub mod convert;
 pub mod correct;
 pub mod demo;
@@ -27,6 +28,7 @@ mod negative;
 pub mod phantom;
 mod progress;
 pub mod reconstruct;
+pub mod region;
 pub mod regions;
 mod renamed;
 pub mod render;
@@ -130,6 +132,10 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Make a mesh of a grey value of a volume, and measure its area and volume
     Surface(surface::Arguments),
+    /// Find the region of a volume that a seed lies in, and measure its volume
+    Region(region::Arguments),
+    /// Make the body between contours on planes, and measure its volume
+    Contours(contours::Arguments),
     /// Compare two volumes: their difference, its places, and the settings that differ
     Compare(compare::Arguments),
     /// Run a live session: devices to a volume and its picture, recorded
@@ -193,6 +199,8 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Convert(arguments) => convert::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Surface(arguments) => surface::run(arguments),
+        Command::Region(arguments) => region::run(arguments),
+        Command::Contours(arguments) => contours::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Live(arguments) => live::run(arguments, quiet),
         Command::Calibrate(arguments) => calibrate::run(arguments),

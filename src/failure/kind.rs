@@ -13,6 +13,7 @@ use pipeline::PipelineError;
 use pipeline::regions::TooSmall;
 use reconstruct::{Refused, RepeatError, SettingsError};
 use render::RenderError;
+use segment::SegmentError;
 use serde::{Deserialize, Serialize};
 use sonoweave_core::keys::FileError;
 use surface::SurfaceError;
@@ -172,6 +173,12 @@ fn by_type(error: &(dyn StdError + 'static)) -> Option<FailureKind> {
             SurfaceError::Memory { .. } | SurfaceError::Vertices { .. } => Some(FailureKind::Memory),
             _ => Some(FailureKind::Usage),
         };
+    }
+    if let Some(error) = error.downcast_ref::<SegmentError>() {
+        return Some(match error {
+            SegmentError::Memory { .. } => FailureKind::Memory,
+            _ => FailureKind::Usage,
+        });
     }
     if let Some(Refused::Memory { .. }) = error.downcast_ref() {
         return Some(FailureKind::Memory);

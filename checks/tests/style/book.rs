@@ -159,7 +159,7 @@ const ELSEWHERE: &str = "Apart ArmError::Ends ArmError::Few ArmError::OneDivot A
     ExportError::FloatingPoint ExportError::Grid ExportError::Identifier ExportError::Memory ExportError::NoFrame \
     ExportError::Outside ExportError::Paper ExportError::PixelType ExportError::Threads ExportError::Window \
     GeometryError LandmarksError LatencyError ListError NoImage NoLine OmeZarrError PipelineError::NoSuchFrames PivotError \
-    ProbeError SurfaceError TrackerError Unsolved";
+    ProbeError SegmentError SurfaceError TrackerError Unsolved";
 
 /// Fewest words of a sentence beside its placeholders that the page explains; others are those of
 /// the placeholders.

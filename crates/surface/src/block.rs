@@ -5,16 +5,16 @@ use volume::brick::{BrickIndex, EDGE, VOXELS};
 
 /// Values of a cube of voxels, x fastest. Unseen voxels, and values that are not finite, are NaN.
 #[derive(Debug, Default)]
-pub(crate) struct Block {
+pub struct Block {
     /// Values.
-    pub(crate) values: Vec<f32>,
+    pub values: Vec<f32>,
     weights: Vec<f32>,
     is_whole: bool,
 }
 
 impl Block {
     /// Reads `edge`³ voxels, the lowest of which is `low`.
-    pub(crate) fn read<V: Values + ?Sized>(&mut self, volume: &V, low: [i64; 3], edge: usize) {
+    pub fn read<V: Values + ?Sized>(&mut self, volume: &V, low: [i64; 3], edge: usize) {
         self.values.resize(edge.pow(3), 0.0);
         self.weights.resize(edge, 0.0);
         self.is_whole = true;

@@ -12,10 +12,10 @@
 //! - `piece`: the vertices of one brick.
 //! - `join`: pieces to a mesh.
 //! - `layers`: ranges of grey values of a brick, by which bricks are skipped.
-//! - `block`: a cube of voxels, read from the volume.
+//! - [`block`]: a cube of voxels, read from the volume.
 //! - `smoothing`: smoothed derivatives of the volume.
 
-mod block;
+pub mod block;
 mod cell;
 pub mod closed;
 pub mod compensation;
