@@ -11,6 +11,7 @@
 )]
 
 mod arm;
+mod bricks;
 mod commands;
 mod disk;
 mod order;

@@ -11,8 +11,8 @@ use formats::session::{DataSync, SessionWriter, Store, WriterOptions};
 use mask::{Clip, MaskSettings};
 use pipeline::command::Instruction;
 use pipeline::session::{
-    DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice, SessionInputs,
-    SessionStatus, Source, ViewClient, Watch, Written, record_only, run,
+    BrickViewer, DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice,
+    SessionInputs, SessionStatus, Source, ViewClient, Watch, Written, record_only, run,
 };
 use reconstruct::path_choice::PathChoice;
 use reconstruct::planar::PlanarSettings;
@@ -44,6 +44,7 @@ pub(crate) struct Set {
     pub(crate) wait_ns: i64,
     pub(crate) looks: Option<Arc<dyn ViewClient>>,
     pub(crate) plane_viewer: Option<Arc<dyn PlaneViewer>>,
+    pub(crate) brick_viewer: Option<Arc<dyn BrickViewer>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
     pub(crate) watch: Option<Watch>,
     /// Smoothing of the poses.
@@ -106,6 +107,7 @@ impl Set {
             wait_ns: 5 * SECOND,
             looks: None,
             plane_viewer: None,
+            brick_viewer: None,
             record: None,
             watch: None,
             smoothing: None,
@@ -147,8 +149,10 @@ impl Set {
         mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
     ) -> (Finished, Seen) {
         let (watch, plane_viewer) = (self.watch.clone(), self.plane_viewer.clone());
+        let brick_viewer = self.brick_viewer.clone();
         let smoothing = self.smoothing;
-        let mut session = Session { watch, plane_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
+        let mut session =
+            Session { watch, plane_viewer, brick_viewer, smoothing, ..stages(self.wait_ns, self.looks.clone()) };
         session.settings.standard_error = self.standard_error;
         session.settings.shadow_weights = self.shadow_weights.then(ShadowWeights::default);
         let inputs = self.inputs();
@@ -252,6 +256,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Sessio
         watch: None,
         readers: Vec::new(),
         plane_viewer: None,
+        brick_viewer: None,
     }
 }
 

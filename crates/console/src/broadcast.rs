@@ -14,12 +14,14 @@ use tokio::sync::{oneshot, watch};
 
 use guidance::ScanGuidance;
 use measure::Edge;
-use pipeline::session::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
+use pipeline::session::{BrickCopy, BrickViewer, Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
 use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
-use render::{OpaquePixels, RenderSettings, Renderer};
+use render::{Crop, OpaquePixels, RenderSettings, Renderer};
 use sonoweave_core::slice::{Image, Pixels};
+use volume::brick::BrickIndex;
 
+use super::bricks::{BrickPages, Drawing};
 use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
 use super::orbit_camera::{OrbitCamera, Steer};
@@ -66,6 +68,10 @@ pub struct FrameBroadcaster {
     marked: AtomicU32,
     /// Changes when control passes to another page.
     turns: watch::Sender<u64>,
+    /// The pages that draw the volume themselves, and what they must know for that.
+    brick_pages: BrickPages,
+    drawing: watch::Sender<Option<Arc<Drawing>>>,
+    views: watch::Sender<View>,
 }
 
 impl Default for FrameBroadcaster {
@@ -85,6 +91,9 @@ impl Default for FrameBroadcaster {
             highlighted: Mutex::default(),
             marked: AtomicU32::new(0),
             turns: watch::Sender::new(0),
+            brick_pages: BrickPages::default(),
+            drawing: watch::Sender::new(None),
+            views: watch::Sender::default(),
         }
     }
 }
@@ -95,9 +104,9 @@ fn place(kind: Kind) -> usize {
 }
 
 impl FrameBroadcaster {
-    /// Whether any page views the volume.
+    /// Whether any page views the volume, also one that draws it.
     pub fn is_watched(&self) -> bool {
-        self.is_viewed(Kind::View)
+        self.is_viewed(Kind::View) || self.brick_pages.is_watched()
     }
 
     /// Returns the interval at which the render thread polls for a new view.
@@ -113,6 +122,15 @@ impl FrameBroadcaster {
     /// Publishes a rendered picture of the volume, on a background.
     pub fn drawn(&self, drawn: &Drawn, background: [f32; 3]) {
         self.camera().drawn(&drawn.renderer);
+        let drawing = Drawing::of(&drawn.renderer, background, self.style().range(), self.brick_pages.is_too_large());
+        self.drawing.send_if_modified(|present| {
+            let is_other = present.as_deref() != Some(&drawing);
+            if is_other {
+                *present = Some(Arc::new(drawing));
+            }
+            is_other
+        });
+        self.turned();
         if !self.is_watched() {
             return;
         }
@@ -241,7 +259,20 @@ impl FrameBroadcaster {
     /// # Errors
     /// [`RequestError`] for an invalid command; the view stays.
     pub(super) fn steer(&self, steer: Steer) -> Result<(), RequestError> {
-        self.camera().steer(steer)
+        self.camera().steer(steer)?;
+        self.turned();
+        Ok(())
+    }
+
+    /// Tells pages that draw the volume of a changed view.
+    fn turned(&self) {
+        let view = self.camera().present();
+        self.views.send_if_modified(|told| std::mem::replace(told, view) != view);
+    }
+
+    /// Returns the pages that draw the volume themselves.
+    pub(super) fn brick_pages(&self) -> &BrickPages {
+        &self.brick_pages
     }
 
     /// Moves planes, or changes their window.
@@ -373,6 +404,25 @@ impl PlaneViewer for FrameBroadcaster {
     }
 }
 
+impl BrickViewer for FrameBroadcaster {
+    fn is_watched(&self) -> bool {
+        self.brick_pages.is_watched()
+    }
+
+    fn crop(&self) -> Crop {
+        self.drawing.borrow().as_ref().map(|drawing| drawing.crop.clone()).unwrap_or_default()
+    }
+
+    fn changed(&self, bricks: &[BrickIndex], all: bool) {
+        self.brick_pages.changed(bricks, all);
+    }
+
+    fn serve(&self, read: &mut dyn FnMut(&[BrickIndex]) -> Vec<Box<BrickCopy>>) {
+        let is_in_view = self.camera().sees();
+        self.brick_pages.serve(read, is_in_view);
+    }
+}
+
 /// A short subscription to one kind of picture.
 #[derive(Debug)]
 pub(super) struct ShortSubscription {
@@ -421,6 +471,16 @@ impl Subscription {
     /// Returns a channel that changes with the style of the volume's picture.
     pub(super) fn style_changes(&self) -> watch::Receiver<u64> {
         self.broadcaster.style_changes.subscribe()
+    }
+
+    /// Returns the settings of the volume's picture, once there is one.
+    pub(super) fn drawings(&self) -> watch::Receiver<Option<Arc<Drawing>>> {
+        self.broadcaster.drawing.subscribe()
+    }
+
+    /// Returns the requested view.
+    pub(super) fn views(&self) -> watch::Receiver<View> {
+        self.broadcaster.views.subscribe()
     }
 
     /// Returns a channel that changes when control passes to another page.

@@ -22,10 +22,12 @@
 //! without a socket ([`routes()`]); [`Console`] adds one. Every request must name this machine
 //! ([`hosts`]) and carry the token, if one is configured (`access`). Requests that do more than
 //! read must not come from another site's page ([`origin`]). Idle connections make room for
-//! others (`connection_limiter`), and so do inactive pages (`viewer_slots`).
+//! others (`connection_limiter`), and so do inactive pages (`viewer_slots`). Pages may draw the
+//! volume themselves, from its `bricks`.
 
 mod access;
 mod api;
+mod bricks;
 pub mod broadcast;
 mod connection_info;
 mod connection_limiter;

@@ -26,6 +26,8 @@ enum MessageJson {
         view: bool,
         #[serde(default)]
         planes: bool,
+        #[serde(default)]
+        bricks: bool,
     },
     Shown {
         kind: u8,
@@ -186,6 +188,8 @@ pub(super) enum PageMessage {
         view: bool,
         /// The planes.
         planes: bool,
+        /// The volume's bricks: the page draws the volume itself.
+        bricks: bool,
     },
     /// Acknowledges a picture, drawn or left out.
     Shown {
@@ -210,7 +214,9 @@ impl ClientMessage {
         let json = serde_json::from_str(text);
         let json = json.map_err(|error: serde_json::Error| RequestError::Command(error.to_string()))?;
         Ok(match json {
-            MessageJson::Show { slice, view, planes } => Self::Page(PageMessage::Show { slice, view, planes }),
+            MessageJson::Show { slice, view, planes, bricks } => {
+                Self::Page(PageMessage::Show { slice, view, planes, bricks })
+            }
             MessageJson::Shown { kind, sequence, had_ms } => {
                 let had = duration("had_ms", had_ms)?;
                 Self::Page(PageMessage::Shown { kind, sequence, had })

@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use render::Renderer;
 use render::camera::{Axes, Camera, View};
+use volume::brick::{BrickIndex, EDGE};
 
 use super::request_error::RequestError;
 
@@ -59,6 +60,8 @@ pub enum Steer {
 struct LastPicture {
     camera: Camera,
     world_from_region: DAffine3,
+    /// Lattice index of region coordinate 0.
+    first: [i64; 3],
 }
 
 /// The requested view.
@@ -77,10 +80,28 @@ impl OrbitCamera {
         self.view.unwrap_or(home)
     }
 
+    /// Returns the requested view, as far as the configured one is known.
+    pub(super) fn present(&self) -> View {
+        self.view.unwrap_or(self.home)
+    }
+
+    /// Returns a test whether the middle of a brick lies in the last picture.
+    pub(super) fn sees(&self) -> impl Fn(BrickIndex) -> bool + use<> {
+        let shown = self.shown;
+        move |brick| {
+            let Some(LastPicture { camera, world_from_region, first }) = shown else { return true };
+            let middle = |a: usize| (f64::from(brick[a]) + 0.5) * EDGE as f64 - first[a] as f64;
+            let at = world_from_region.transform_point3(DVec3::from_array(std::array::from_fn(middle)));
+            let at = camera.project_world(at);
+            at.is_some_and(|at| at.iter().zip(camera.size()).all(|(x, side)| (0.0..f64::from(side)).contains(x)))
+        }
+    }
+
     /// Records a rendered picture.
     pub fn drawn(&mut self, renderer: &Renderer) {
-        let (camera, world_from_region) = (*renderer.camera(), renderer.region().world_from_region());
-        self.shown = Some(LastPicture { camera, world_from_region });
+        let (camera, region) = (*renderer.camera(), renderer.region());
+        let world_from_region = region.world_from_region();
+        self.shown = Some(LastPicture { camera, world_from_region, first: region.first() });
     }
 
     /// Returns the pixel position of a world point (mm) in the last picture; whole numbers are
@@ -125,7 +146,7 @@ impl OrbitCamera {
         if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
             return Err(RequestError::PicturePoint);
         }
-        let Some(LastPicture { camera, world_from_region }) = self.shown else {
+        let Some(LastPicture { camera, world_from_region, .. }) = self.shown else {
             return Err(RequestError::NoPicture);
         };
         let [width, height] = camera.size().map(f64::from);

@@ -12,6 +12,10 @@
 //! | 16, 24 | f64 | capture time of its frame, and sending time, ms since the UNIX epoch |
 //! | 32 | u64 | number of its frame |
 //!
+//! Messages of kind 7 are bricks of the volume (`bricks`), for pages that draw it themselves and
+//! have asked for them. `drawing` and `view` precede them: the settings of the picture, and its
+//! view with each change. A page answers them like pictures.
+//!
 //! Text messages are JSON: the session status; the marks in the volume's picture, when changed;
 //! and descriptions that precede pictures. `sight` precedes a picture of the volume if it has
 //! changed; it gives the projection from world to pixels. `plane` precedes each picture of a
@@ -33,11 +37,12 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 use listener::MessageRate;
 use sonoweave_core::clock::{Clock as _, Monotonic};
 
+use super::bricks::{self, Drawing, PageBricks, view_json};
 use super::broadcast::Subscription;
 use super::counts::Counts;
 use super::encoded_frame::{EncodedFrame, KINDS, Kind, Pixmap, unix_ms};
 use super::marks::Marks;
-use super::message::{ClientMessage, PageMessage};
+use super::message::{ClientMessage, PageMessage, ViewMessage};
 use super::quality::{Grade, Quality};
 use super::served::Served;
 use super::status;
@@ -183,6 +188,16 @@ struct Page<'a> {
     subscription: Subscription,
     channels: [Channel; KINDS],
     messages: MessageRate,
+    /// The page's bricks, if it draws the volume.
+    bricks: Option<Arc<PageBricks>>,
+    /// Commands to the camera from this page, also refused ones.
+    steered: u64,
+}
+
+impl Drop for Page<'_> {
+    fn drop(&mut self) {
+        self.draw(false);
+    }
 }
 
 impl<'a> Page<'a> {
@@ -190,7 +205,8 @@ impl<'a> Page<'a> {
         let subscription = served.session.broadcaster.enter();
         let channels = Kind::ALL.map(|kind| Channel::new(kind, &subscription));
         let now = Instant::now();
-        Self { served, socket, slot, received: now, subscription, channels, messages: MessageRate::new(now) }
+        let messages = MessageRate::new(now);
+        Self { served, socket, slot, received: now, subscription, channels, messages, bricks: None, steered: 0 }
     }
 
     /// Serves until the page or the server is gone; returns the reason.
@@ -207,6 +223,8 @@ impl<'a> Page<'a> {
         let mut status_at = Instant::now();
         let mut about = status::about(self.served);
         let mut style_changes = self.subscription.style_changes();
+        let (mut drawings, mut views) = (self.subscription.drawings(), self.subscription.views());
+        let mut draws = false;
         if !self.send_json(about.clone()).await
             || !self.send_json(self.control()).await
             || !self.send_json(self.style_message()).await
@@ -216,7 +234,11 @@ impl<'a> Page<'a> {
         self.update_activity();
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
-            let is_viewed = view.is_viewed;
+            let is_viewed = view.is_viewed || self.bricks.is_some();
+            if std::mem::replace(&mut draws, self.bricks.is_some()) != draws && draws {
+                drawings.mark_changed();
+                views.mark_changed();
+            }
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.status(self.served)).await;
@@ -236,6 +258,14 @@ impl<'a> Page<'a> {
                 (shot, quality) = across_y.next() => Out::EncodedFrame(shot, quality),
                 (shot, quality) = across_x.next() => Out::EncodedFrame(shot, quality),
                 (shot, quality) = free.next() => Out::EncodedFrame(shot, quality),
+                message = next(self.bricks.as_deref()) => Out::Bricks(message),
+                Ok(()) = drawings.changed(), if draws => match drawings.borrow_and_update().as_deref() {
+                    Some(drawing) => Out::Text(self.tell(drawing)),
+                    None => continue,
+                },
+                Ok(()) = views.changed(), if draws => {
+                    Out::Text(view_json(&views.borrow_and_update(), self.steered))
+                }
                 Ok(()) = style_changes.changed() => Out::Text(self.style_message()),
                 _ = marking.tick(), if is_viewed => match self.served.session.broadcaster.marks(Monotonic.now_ns()) {
                     Some(marks) if marked.as_ref().is_none_or(|was| was.differ(&marks)) => {
@@ -279,6 +309,7 @@ impl<'a> Page<'a> {
             let taken = match message {
                 Out::Text(value) => self.send_json(value).await,
                 Out::EncodedFrame(shot, quality) => self.send(&shot, quality).await,
+                Out::Bricks(bytes) => self.send_message(Message::Binary(bytes.into())).await,
                 Out::Question => self.send_message(Message::Ping(Vec::new().into())).await,
             };
             if !taken {
@@ -301,7 +332,9 @@ impl<'a> Page<'a> {
 
     /// Reports to the viewer slots whether this page is inactive.
     fn update_activity(&self) {
-        let is_missed = self.subscription.steers() || self.channels.iter().any(|channel| channel.is_viewed);
+        let is_missed = self.subscription.steers()
+            || self.bricks.is_some()
+            || self.channels.iter().any(|channel| channel.is_viewed);
         self.slot.set_inactive(!is_missed);
     }
 
@@ -363,6 +396,7 @@ impl<'a> Page<'a> {
             Ok(message) => message,
             Err(why) => return MessageOutcome::Refused(why.to_string()),
         };
+        self.steered += u64::from(matches!(message, ClientMessage::View(ViewMessage::Steer(_))));
         if !self.subscription.steers() {
             return MessageOutcome::Refused("another page controls this session; take over control first".into());
         }
@@ -374,10 +408,30 @@ impl<'a> Page<'a> {
         }
     }
 
+    /// Sets whether the page draws the volume. A page that begins to has no bricks.
+    fn draw(&mut self, whether: bool) {
+        let pages = self.served.session.broadcaster.brick_pages();
+        match (&self.bricks, whether) {
+            (Some(bricks), false) => {
+                pages.leave(bricks);
+                self.bricks = None;
+            }
+            (None, true) => self.bricks = Some(pages.enter()),
+            _ => {}
+        }
+    }
+
+    /// Returns the settings of the picture, which the page has from then on.
+    fn tell(&self, drawing: &Drawing) -> serde_json::Value {
+        self.bricks.iter().for_each(|bricks| bricks.tell(drawing));
+        drawing.to_json()
+    }
+
     /// Handles a message about this connection.
     fn page(&mut self, message: PageMessage) -> MessageOutcome {
         match message {
-            PageMessage::Show { slice, view, planes } => {
+            PageMessage::Show { slice, view, planes, bricks } => {
+                self.draw(bricks);
                 for channel in &mut self.channels {
                     let is_viewed = match channel.kind {
                         Kind::Slice => slice,
@@ -388,6 +442,9 @@ impl<'a> Page<'a> {
                     channel.is_viewed = is_viewed;
                 }
                 self.update_activity();
+            }
+            PageMessage::Shown { kind: bricks::KIND, sequence, .. } => {
+                self.bricks.iter().for_each(|bricks| bricks.answered(sequence));
             }
             PageMessage::Shown { kind, sequence, had } => {
                 let Some(channel) = self.channels.iter_mut().find(|channel| channel.kind as u8 == kind) else {
@@ -404,6 +461,7 @@ impl<'a> Page<'a> {
 enum Out {
     Text(serde_json::Value),
     EncodedFrame(Arc<EncodedFrame>, Quality),
+    Bricks(Vec<u8>),
     Question,
 }
 
@@ -412,6 +470,14 @@ enum MessageOutcome {
     Done(String),
     Refused(String),
     Over(End),
+}
+
+/// Returns the next message of bricks of a page that draws the volume; never without.
+async fn next(bricks: Option<&PageBricks>) -> Vec<u8> {
+    match bricks {
+        Some(bricks) => bricks.next().await,
+        None => std::future::pending().await,
+    }
 }
 
 /// Encodes a picture as a message: its pixels, or its JPEG.

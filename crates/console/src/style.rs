@@ -53,6 +53,11 @@ impl PresentStyle {
         is_other
     }
 
+    /// Grey values displayed as black and as white.
+    pub(super) fn range(&self) -> [f32; 2] {
+        self.configured.as_ref().map_or([0.0, 255.0], |configured| configured.range)
+    }
+
     /// A number that changes with the style; 0 while the style is the configured one.
     pub(super) fn number(&self) -> u64 {
         if self.choice == Choice::default() { 0 } else { self.changes }

@@ -418,6 +418,11 @@ impl Renderer {
         }
     }
 
+    /// Returns the settings, with the present view and crop.
+    pub fn settings(&self) -> &RenderSettings {
+        &self.settings
+    }
+
     /// Returns the render mode.
     pub fn mode(&self) -> Mode {
         self.mode

@@ -11,7 +11,7 @@ use pipeline::Observer;
 use pipeline::command::{Command, Instruction};
 use pipeline::control::{Progress, SessionController};
 use pipeline::session::{
-    EndedSession, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice, SessionInputs,
+    BrickViewer, EndedSession, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice, SessionInputs,
     SessionStatus, Source, ViewClient,
 };
 use sonoweave_core::clock::{Clock, Monotonic};
@@ -93,6 +93,7 @@ impl LiveApp<'_> {
         let mut stages = stages(bedside, client)?;
         if let Some(broadcaster) = self.publisher.broadcaster() {
             stages.plane_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn PlaneViewer>);
+            stages.brick_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn BrickViewer>);
             stages.observers.push(broadcaster as Arc<dyn Observer>);
             stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);
             stages.readers.push(Arc::clone(&self.controller) as Arc<dyn Reader>);

@@ -98,6 +98,7 @@ pub(crate) fn stages(bedside: &Bedside, client: Option<Arc<dyn ViewClient>>) -> 
         watch: watch(bedside),
         readers: Vec::new(),
         plane_viewer: None,
+        brick_viewer: None,
     })
 }
 

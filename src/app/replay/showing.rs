@@ -12,8 +12,8 @@ use console::Listen;
 use pipeline::command::{Command, Instruction};
 use pipeline::control::{CorrectionRequest, Progress, Replayed, SessionController, ViewedFrame};
 use pipeline::session::{
-    CorrectedFrames, Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session,
-    SessionInputs, SessionStatus, Source, ViewClient,
+    BrickViewer, CorrectedFrames, Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy,
+    Session, SessionInputs, SessionStatus, Source, ViewClient,
 };
 use pipeline::{CapturedFrame, Observer};
 use sonoweave_core::clock::Monotonic;
@@ -157,6 +157,7 @@ impl Showing<'_> {
         let mut stages = stages(bedside, client)?;
         if let Some(broadcaster) = self.publisher.broadcaster() {
             stages.plane_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn PlaneViewer>);
+            stages.brick_viewer = Some(Arc::clone(&broadcaster) as Arc<dyn BrickViewer>);
             stages.observers.push(Arc::new(Pages(broadcaster)));
         }
         stages.observers.push(self.publisher.slices() as Arc<dyn Observer>);

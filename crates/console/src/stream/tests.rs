@@ -11,6 +11,7 @@ use tungstenite::{Message, WebSocket};
 use sonoweave_core::frames::Transform;
 
 mod bad;
+mod bricks;
 mod packed;
 
 use super::*;

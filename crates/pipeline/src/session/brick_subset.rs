@@ -12,16 +12,23 @@ use volume::read::{SEEN, Values};
 const MEDIAN_OF: usize = 1 << 16;
 
 /// A brick's values and weights, x fastest; 0 if unseen.
-pub(super) struct BrickCopy {
-    pub(super) value: [f32; VOXELS],
-    pub(super) weight: [f32; VOXELS],
+pub struct BrickCopy {
+    /// Values, grey levels.
+    pub value: [f32; VOXELS],
+    /// Weights.
+    pub weight: [f32; VOXELS],
 }
 
 impl BrickCopy {
     pub(super) fn of(volume: &impl Values, brick: BrickIndex) -> Box<Self> {
-        let mut leaf = Box::new(Self { value: [0.0; VOXELS], weight: [0.0; VOXELS] });
+        let mut leaf = Self::unseen();
         volume.brick(brick, &mut leaf.value, &mut leaf.weight);
         leaf
+    }
+
+    /// Returns a brick of which nothing was seen.
+    pub(super) fn unseen() -> Box<Self> {
+        Box::new(Self { value: [0.0; VOXELS], weight: [0.0; VOXELS] })
     }
 }
 

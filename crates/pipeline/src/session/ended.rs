@@ -17,7 +17,7 @@ use super::settings::{Finished, Session};
 use super::shared_volume::Shared;
 use super::spawn::{EndOnPanic, spawn};
 use super::status::SessionStatus;
-use super::{plane_viewer, reader};
+use super::{brick_viewer, plane_viewer, reader};
 use crate::Outcome;
 
 /// Interval at which the end is checked.
@@ -72,6 +72,9 @@ impl EndedSession<'_> {
                 spawn(scope, "sections", (&policy, Role::Usual), move || {
                     plane_viewer::run(shared, &**plane_viewer, None)
                 });
+            }
+            if let Some(brick_viewer) = &self.session.brick_viewer {
+                spawn(scope, "bricks", (&policy, Role::Usual), move || brick_viewer::run(shared, &**brick_viewer));
             }
             for reader in &self.session.readers {
                 spawn(scope, "reader", (&policy, Role::Usual), move || reader::run(shared, &**reader));

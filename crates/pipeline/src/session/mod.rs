@@ -32,6 +32,7 @@
 //! - `render_thread`, `pacing`, `reach`: the picture, its highest rate, and the box that it shows.
 //! - `plane_viewer`, `brick_subset`: planes, and the copied bricks that they sample.
 //! - `plane_errors`: their standard errors.
+//! - `brick_viewer`: bricks for viewers that draw the volume themselves.
 //! - `reader`: export of the volume while it grows.
 //! - `ended`: an ended session whose volume is still viewed.
 //! - `common`: state shared by all stages.
@@ -45,6 +46,7 @@
 //!   for fresh memory.
 
 mod brick_subset;
+mod brick_viewer;
 mod capture_thread;
 mod changes;
 mod common;
@@ -89,6 +91,8 @@ mod unsynced;
 mod walk;
 mod zones;
 
+pub use brick_subset::BrickCopy;
+pub use brick_viewer::BrickViewer;
 pub use corrected::CorrectedFrames;
 pub use device::{DeviceRole, SessionDevice};
 pub use digest::ResultDigest;

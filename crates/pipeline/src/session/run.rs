@@ -31,7 +31,7 @@ use super::shared_volume::Shared;
 use super::spawn::{EndOnPanic, joined, spawn};
 use super::status::{SessionStatus, StatusCollector};
 use super::zones::Warnings;
-use super::{plane_viewer, reader};
+use super::{brick_viewer, plane_viewer, reader};
 use crate::PipelineError;
 use crate::command::{Command, Instruction, Setting};
 
@@ -244,6 +244,9 @@ impl Wiring<'_> {
             }
             if let Some(viewer) = session.plane_viewer.as_ref().filter(|_| is_last) {
                 spawn(scope, "sections", usual, move || plane_viewer::run(volume, &**viewer, Some(common.status)));
+            }
+            if let Some(viewer) = session.brick_viewer.as_ref().filter(|_| is_last) {
+                spawn(scope, "bricks", usual, move || brick_viewer::run(volume, &**viewer));
             }
             let inserting = running.clone();
             let insert = spawn(scope, "insertion", (&*policy, Role::Insertion), move || {

@@ -15,6 +15,7 @@ use sync::pairing::timed::{Source as PoseSource, TimedOptions, TimedPairing};
 use sync::smoothing::Smoothing;
 use sync::survey::gap;
 
+use super::brick_viewer::BrickViewer;
 use super::common::Common;
 use super::device::{DeviceRole, SessionDevice};
 use super::digest::ResultDigest;
@@ -66,6 +67,8 @@ pub struct Session {
     pub readers: Vec<Arc<dyn Reader>>,
     /// The plane viewer, if there is one.
     pub plane_viewer: Option<Arc<dyn PlaneViewer>>,
+    /// The brick viewer, if there is one.
+    pub brick_viewer: Option<Arc<dyn BrickViewer>>,
     /// Zones of the distorted tracker field, if they are known and to be monitored.
     pub watch: Option<Watch>,
 }
@@ -141,6 +144,7 @@ impl Session {
             observers: Vec::new(),
             readers: Vec::new(),
             plane_viewer: None,
+            brick_viewer: None,
             watch: None,
         }
     }

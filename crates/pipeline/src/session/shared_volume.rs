@@ -30,6 +30,8 @@ pub(super) struct PendingChanges {
     /// The same for the plane viewer; `None` without a viewer, or if it has not queried since
     /// the volume was replaced.
     pub(super) aside: Option<Changes>,
+    /// The same for the brick viewer.
+    pub(super) for_bricks: Option<Changes>,
     /// Slices inserted so far, including those removed by clearing the volume.
     pub(super) inserted: u64,
     /// Those of them that were inserted before the last clearing.
@@ -101,7 +103,7 @@ impl PendingChanges {
             }
         }
         self.spacing_mm = inserted.reconstructor.settings().spacing_mm.to_array();
-        for changes in [Some(&mut self.changes), self.aside.as_mut()].into_iter().flatten() {
+        for changes in [Some(&mut self.changes), self.aside.as_mut(), self.for_bricks.as_mut()].into_iter().flatten() {
             changes.note(touched, slab, inserted.upgraded);
         }
         match &mut self.reach {
