@@ -20,6 +20,7 @@ await import("./guidance.test.js");
 await import("./line.test.js");
 await import("./slow.test.js");
 await import("./token.test.js");
+await import("./gpu.test.js");
 
 afterEach(async () => {
   await closeAll();

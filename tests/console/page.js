@@ -19,20 +19,25 @@ export const SIZES = {
 export const PATIENCE = 180_000;
 
 // Root has no sandbox; only our own pages are opened.
-let browser;
-const launch = async () => (browser ??= await chromium.launch({ executablePath: BROWSER, args: process.getuid?.() === 0 ? ["--no-sandbox"] : [] }));
+const SANDBOX = process.getuid?.() === 0 ? ["--no-sandbox"] : [];
+// WebGL without a graphics processor: slow, with the same results.
+const SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+const browsers = {};
+const launch = (graphics) => (browsers[graphics] ??= chromium.launch({ executablePath: BROWSER, args: [...SANDBOX, ...(graphics ? SOFTWARE : [])] }));
 
-/// Closes the browser.
-export const quit = () => browser?.close();
+/// Closes the browsers.
+export const quit = async () => Promise.all(Object.values(browsers).map(async (browser) => (await browser).close()));
 
 /// Closes contexts left open by failed tests.
-export const closeAll = () => Promise.all((browser?.contexts() ?? []).map((context) => context.close()));
+export const closeAll = async () => {
+  for (const browser of Object.values(browsers)) await Promise.all((await browser).contexts().map((context) => context.close()));
+};
 
 /// Opens the page at this address. `complaints` collects the browser's errors and warnings;
 /// `binary` counts the received pictures. `through(socket)`, if given, intercepts the page's
-/// connection; it receives playwright's WebSocketRoute.
-export async function open(address, { size = SIZES.desk, through, ...settings } = {}) {
-  const context = await (await launch()).newContext({ viewport: size, ...settings });
+/// connection; it receives playwright's WebSocketRoute. `graphics` is for a browser with WebGL.
+export async function open(address, { size = SIZES.desk, through, graphics = false, ...settings } = {}) {
+  const context = await (await launch(graphics)).newContext({ viewport: size, ...settings });
   context.setDefaultTimeout(PATIENCE);
   const page = await context.newPage();
   if (through) await page.routeWebSocket(/\/v1\/stream$/, through);

@@ -61,6 +61,18 @@ export class Session {
     return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
   }
 
+  /// Begins the small session with other keys under [picture], and files beside its configuration.
+  static async pictured(keys, files = {}) {
+    const place = mkdtempSync(join(OUT, "session-"));
+    const config = small(place, "20");
+    for (const [name, text] of Object.entries(files)) writeFileSync(join(place, name), text);
+    const names = Object.keys(keys).join("|");
+    const lines = Object.entries(keys).map(([key, value]) => `${key} = ${value}`);
+    const text = readFileSync(config, "utf8").replace(new RegExp(`^(${names || "-"}) = .*\n`, "gm"), "");
+    writeFileSync(config, text.replace(/^\[picture\].*$/m, ["[picture]", ...lines].join("\n")));
+    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
   /// Begins the small session with more frames per second, recorded in a folder that is kept.
   static async recorded(folder) {
     return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);

@@ -9,6 +9,9 @@ export const SLICE = 1;
 export const VIEW = 2;
 // Planes through the volume are kinds 3 to 6.
 const LAST = 6;
+/// Bricks of the volume; instead of a size, the header has the number of bricks, and how many the
+/// page never had and still waits for.
+export const BRICKS = 7;
 export const GREY = 0;
 export const COLOUR = 1;
 export const JPEG = 2;
@@ -35,6 +38,7 @@ export function parse(buffer) {
     frame: Number(of.getBigUint64(32, true)),
   };
   const { kind, encoding, width, height } = header;
+  if (kind === BRICKS) return { header, pixels: new Uint8Array(buffer, LENGTH) };
   if (kind < SLICE || kind > LAST) throw new Error(`a picture of kind ${kind}, which this page does not know`);
   if (width < 1 || height < 1 || width > WIDEST || height > WIDEST) throw new Error(`a picture of ${width} × ${height} pixels`);
   const pixels = new Uint8Array(buffer, LENGTH);

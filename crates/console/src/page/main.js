@@ -5,7 +5,9 @@ import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
 import { GuidanceCard } from "./guidance.js";
 import { CommandButtons } from "./commands.js";
-import { JPEG, SLICE, VIEW } from "./header.js";
+import { check } from "./gpu_check.js";
+import { OwnView } from "./gpu_view.js";
+import { BRICKS, JPEG, SLICE, VIEW } from "./header.js";
 import { Marks } from "./marks.js";
 import { MaskCard } from "./mask.js";
 import { Measure } from "./measure.js";
@@ -40,7 +42,7 @@ measured.open.mask = maskCard.open;
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, figures: viewFigures },
-  (message) => stream.send(message),
+  (message) => stream.send(message) && own.steered(message),
 );
 const speak = (words) => (of("announcer").textContent = words);
 measured.open.movie = new ViewMovie({ canvas: of("view"), button: of("view-record"), time: of("view-recorded") }, speak).open;
@@ -72,6 +74,22 @@ const screens = {
   [SLICE]: screen("slice", (header) => slice.drawn(header)),
   [VIEW]: screen("view", (header) => view.drawn(header)),
 };
+
+const flags = new URLSearchParams(location.search);
+const own = new OwnView(of("view-caption"), flags.get("gpu") === "software", {
+  drawn(canvas, { projection }, ms) {
+    screens[VIEW].show(canvas);
+    viewFigures.project({ projection });
+    const header = { ...measured.open.pictures.view, width: canvas.width, height: canvas.height, refining: false, timed: false };
+    measured.settled("view", header, true, ms);
+    view.drawn(header);
+    of("view-reduced").hidden = true;
+  },
+  answer: (header) => stream.answer(header),
+  changed: () => show(),
+});
+measured.open.own = own.open;
+if (flags.has("gpu-check")) check(own.open, of("gpu-check"));
 
 const tone = new Tone(
   of("slice"),
@@ -108,7 +126,10 @@ function screen(name, drawn) {
 
 function picture(header, pixels) {
   if (header.kind === SLICE) arrivedAt = Date.now();
-  if (!planes.offer(header, pixels)) screens[header.kind].offer(header, pixels);
+  if (header.kind === BRICKS) own.bricks(header, pixels);
+  // A picture on its way is older than the one drawn here.
+  else if (header.kind === VIEW && own.open.here) stream.answer(header);
+  else if (!planes.offer(header, pixels)) screens[header.kind].offer(header, pixels);
 }
 
 function message(key, value) {
@@ -132,11 +153,16 @@ function message(key, value) {
   } else if (key === "marks") {
     marks.show(value);
     planes.outline(value.planes);
+  } else if (key === "drawing") {
+    own.settings(value);
+  } else if (key === "view") {
+    own.told(value);
   } else if (key === "sight") {
-    viewFigures.project(value);
+    if (!own.open.here) viewFigures.project(value);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
+    own.control(value);
     commands.control(value);
     maskCard.control(value);
     replay.control(value);
@@ -179,6 +205,7 @@ function changed() {
     planes.restart();
     viewFigures.restart();
     marks.clear();
+    own.restart();
     show();
   } else {
     requestedAt = null;
@@ -198,7 +225,7 @@ function changed() {
 function show() {
   const seen = document.visibilityState === "visible";
   if (!seen) for (const one of [screens[SLICE], screens[VIEW], planes]) one.forget();
-  if (!stream.send({ do: "show", slice: seen, view: seen, planes: seen && planes.shown })) return;
+  if (!stream.send({ do: "show", slice: seen, planes: seen && planes.shown, ...own.asks(seen) })) return;
   requestedAt = seen ? Date.now() : null;
 }
 

@@ -54,6 +54,15 @@ export class Picture {
     this.#soon();
   }
 
+  /// Shows a picture that the page has drawn itself, until the session's next one.
+  show(canvas) {
+    this.forget();
+    this.#shown?.bitmap?.close();
+    this.#shown = null;
+    this.#paint({ header: canvas, bitmap: canvas });
+    this.#canvas.classList.remove("empty");
+  }
+
   /// Discards the waiting picture: the page is not being viewed.
   forget() {
     if (this.#waiting) this.#leave(this.#waiting);
