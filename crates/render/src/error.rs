@@ -50,7 +50,7 @@ pub enum RenderError {
         name: String,
     },
     /// A range of intensities for which no soft light can be made.
-    #[error("soft light needs a range of grey values that is finite and not empty, not {} to {}", range[0], range[1])]
+    #[error("no soft light for grey values from {} to {}: black must be a finite value below white", range[0], range[1])]
     SoftRange {
         /// Black and white.
         range: [f64; 2],

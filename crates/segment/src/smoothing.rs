@@ -88,7 +88,7 @@ impl Smoothing {
     fn sums(&self, values: Vec<f32>, size: [usize; 3]) -> Vec<f32> {
         let (sums, _) = self.taps.iter().enumerate().fold((values, size), |(values, mut size), (axis, taps)| {
             let sums = sums_along(&values, size, axis, taps);
-            size[axis] += 1 - taps.len();
+            size[axis] -= taps.len() - 1;
             (sums, size)
         });
         sums

@@ -1,4 +1,5 @@
-//! Soft light: pictures in which smoothed bodies cast soft shadows and thin parts let light through.
+//! Soft light: pictures in which smoothed bodies cast soft shadows, and thin parts let light
+//! through.
 //!
 //! A picture is rendered in three steps, all from the volume as it is:
 //!

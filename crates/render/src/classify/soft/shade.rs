@@ -1,4 +1,4 @@
-//! How a voxel returns soft light.
+//! The colour of a voxel in soft light.
 
 use std::fmt;
 use std::sync::Arc;
