@@ -155,8 +155,8 @@ test("a picture's header is read, and what is none is refused by a sentence", ()
   assert.throws(() => parse(bytes.slice(0, 45)), /5 bytes instead of 6/);
   to.setUint32(4, 0xffffffff, true);
   assert.throws(() => parse(bytes), /4294967295 × 1 pixels/);
-  to.setUint8(0, 7);
-  assert.throws(() => parse(bytes), /kind 7/);
+  to.setUint8(0, 8);
+  assert.throws(() => parse(bytes), /kind 8/);
 });
 
 test("a voxel has its interval, and where another sweep would halve it that is said", () => {

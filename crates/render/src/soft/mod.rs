@@ -3,16 +3,16 @@
 //!
 //! A picture is rendered in three steps, all from the volume as it is:
 //!
-//! - [`smoothed`]: values without most of their speckle, by local statistics (Lee 1980) and a
+//! - `smoothed`: values without most of their speckle, by local statistics (Lee 1980) and a
 //!   Gaussian over what was seen (normalised convolution, Knutsson & Westin 1993).
-//! - [`field`]: the light that reaches places, on a lattice of half the resolution. A wave front
+//! - `field`: the light that reaches places, on a lattice of half the resolution. A wave front
 //!   goes from slice to slice away from the light and spreads (Kniss and others 2003). Thin parts
 //!   let red through first. Hollows are darker by the mean opacity around them (Schlegel 2011).
 //! - The renderer lights voxels by these ([`SoftShade`]), and casts rays as always.
 //!
 //! The shadows depend on all voxels between a place and the light, so a changed slice changes
-//! them anywhere. Such a picture is therefore rendered as a whole, for a view at rest. Pictures
-//! that follow a volume use [`Light`](crate::classify::light::Light) alone.
+//! them anywhere. Such a picture is therefore rendered as a whole. Pictures that follow a
+//! volume use [`Light`](crate::classify::light::Light) alone.
 
 pub(crate) mod field;
 pub(crate) mod smoothed;

@@ -1,6 +1,6 @@
 //! Soft light, and how voxels return it.
 //!
-//! - [`presets`]: lights by name. [`field`]: the light that reaches a place. [`shade`]: the colour
+//! - `presets`: lights by name. `field`: the light that reaches a place. `shade`: the colour
 //!   of a voxel in it.
 
 mod field;
