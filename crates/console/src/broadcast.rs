@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use tokio::sync::{oneshot, watch};
@@ -419,7 +419,7 @@ impl BrickViewer for FrameBroadcaster {
 
     fn serve(&self, read: &mut dyn FnMut(&[BrickIndex]) -> Vec<Box<BrickCopy>>) {
         let is_in_view = self.camera().sees();
-        self.brick_pages.serve(read, is_in_view);
+        self.brick_pages.serve(read, is_in_view, Instant::now());
     }
 }
 

@@ -63,11 +63,11 @@ impl BrickPages {
     }
 
     /// Reads and encodes bricks for each page with room.
-    pub(crate) fn serve(&self, read: Read, is_in_view: impl Fn(BrickIndex) -> bool) {
+    pub(crate) fn serve(&self, read: Read, is_in_view: impl Fn(BrickIndex) -> bool, now: Instant) {
         let pages = {
             let state = self.state();
             if state.known.len() > MOST_BRICKS { Vec::new() } else { state.pages.clone() }
         };
-        pages.iter().for_each(|page| page.serve(&mut *read, &is_in_view, Instant::now()));
+        pages.iter().for_each(|page| page.serve(&mut *read, &is_in_view, now));
     }
 }

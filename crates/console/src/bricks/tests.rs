@@ -179,6 +179,8 @@ struct Followed {
     got: BTreeMap<BrickIndex, Vec<u8>>,
     runtime: tokio::runtime::Runtime,
     read: usize,
+    /// The time at which bricks are chosen.
+    now: Instant,
 }
 
 impl Followed {
@@ -187,7 +189,7 @@ impl Followed {
         let page = pages.enter();
         page.tell(drawing);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
-        Self { pages, page, volume: BTreeMap::new(), got: BTreeMap::new(), runtime, read: 0 }
+        Self { pages, page, volume: BTreeMap::new(), got: BTreeMap::new(), runtime, read: 0, now: Instant::now() }
     }
 
     fn put(&mut self, bricks: &[BrickIndex], value: Option<f32>) {
@@ -196,7 +198,7 @@ impl Followed {
     }
 
     fn serve(&mut self) {
-        let Self { pages, volume, read, .. } = self;
+        let Self { pages, volume, read, now, .. } = self;
         let copy = |index: &BrickIndex| brick(volume.get(index).copied().flatten());
         pages.serve(
             &mut |bricks| {
@@ -204,6 +206,7 @@ impl Followed {
                 bricks.iter().map(copy).collect()
             },
             |_| true,
+            *now,
         );
     }
 
@@ -257,7 +260,7 @@ fn page_has_two_messages_unanswered_and_then_newest_bricks() {
     assert_eq!(all.receive(), None, "nothing has changed");
     // A brick of which nothing is left is taken back, once.
     all.put(&bricks[..1], None);
-    std::thread::sleep(210 * MS);
+    all.now += 210 * MS;
     all.serve();
     assert_eq!(all.receive(), Some((1, 0)));
     assert!(!all.got.contains_key(&bricks[0]));
@@ -281,7 +284,7 @@ fn bricks_outside_the_told_region_wait() {
     assert_eq!(all.receive(), Some((1, 0)));
     assert!(all.got.contains_key(&outside));
     all.page.tell(&drawing([0; 3], [400; 3], Mode::default()));
-    std::thread::sleep(210 * MS);
+    all.now += 210 * MS;
     all.answer(2);
     all.serve();
     all.receive();
